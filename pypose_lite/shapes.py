@@ -1,0 +1,97 @@
+"""One-line shape contracts, and products of batched matrices and vectors.
+
+Vectors come last and batches first: a state is ``(..., n)``, a sequence ``(..., T, n)``.
+"""
+
+import re
+
+import torch
+from torch import Tensor
+
+
+def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
+    """Returns the sizes that the letters of a contract stand for, or says what does not fit.
+
+    ``check("A: n n, B: n m", A, B)`` asks for ``A (..., n, n)`` and ``B (..., n, m)`` of one
+    floating dtype, on one device, finite, with leading dimensions that broadcast. A contract
+    that begins with ``...`` is not told from one that does not: leading dimensions are always
+    allowed. A tensor that is None is passed over.
+
+    Args:
+        spec: one ``name: letters`` for each tensor, separated by commas.
+        tensors: the tensors, in that order.
+        sizes: letters that are known beforehand, such as ``n=4``.
+
+    Raises:
+        ValueError: naming the argument, what was expected, where that comes from, and what came.
+    """
+    known, origin = dict(sizes), dict.fromkeys(sizes, "")
+    first: tuple[str, Tensor] | None = None
+    batch: tuple[int, ...] = ()
+    for (name, letters), x in zip(_parse(spec), tensors, strict=True):
+        if x is None:
+            continue
+        if not isinstance(x, Tensor) or not x.is_floating_point():
+            kind = x.dtype if isinstance(x, Tensor) else type(x).__name__
+            raise ValueError(f"{name}: expected a floating-point tensor, got {kind}")
+        shape, k = tuple(x.shape), len(letters)
+        core = shape[len(shape) - k :]
+        fits = len(shape) >= k and all(known.get(c, s) == s for c, s in zip(letters, core))
+        for c, s in zip(letters, core) if fits else ():
+            if known.setdefault(c, s) != s:  # the same letter twice, as in "A: n n"
+                fits = False
+            origin.setdefault(c, name)
+        if not fits:
+            raise ValueError(_mismatch(name, letters, shape, known, origin))
+        first = first or (name, x)
+        if (x.dtype, x.device) != (first[1].dtype, first[1].device):
+            raise ValueError(
+                f"{name}: expected {first[1].dtype} on {first[1].device} like {first[0]}, "
+                f"got {x.dtype} on {x.device}"
+            )
+        try:
+            batch = torch.broadcast_shapes(batch, shape[: len(shape) - k])
+        except RuntimeError:
+            raise ValueError(
+                f"{name}: its batch {shape[: len(shape) - k]} does not broadcast with {batch}"
+            ) from None
+        finite(name, x)
+    return known
+
+
+def finite(name: str, x: Tensor) -> None:
+    """Raises ValueError where ``x`` holds NaN or infinity; inside vmap nothing can be asked."""
+    if torch.compiler.is_compiling() or torch._C._functorch.is_batchedtensor(x):
+        return
+    if not torch.isfinite(x).all():
+        where = tuple((~torch.isfinite(x)).nonzero()[0].tolist())
+        raise ValueError(f"{name}: expected finite numbers, got {x[where].item()} at {where}")
+
+
+def bmv(mat: Tensor, vec: Tensor) -> Tensor:
+    """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
+    return (mat @ vec.unsqueeze(-1)).squeeze(-1)
+
+
+def bvv(lvec: Tensor, rvec: Tensor) -> Tensor:
+    """Batched inner product of two vectors: ``(..., n), (..., n) -> (...)``."""
+    return (lvec * rvec).sum(-1)
+
+
+def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
+    """Batched vector times matrix times vector: ``(..., n), (..., n, m), (..., m) -> (...)``."""
+    return bvv(lvec, bmv(mat, rvec))
+
+
+def _parse(spec: str) -> list[tuple[str, list[str]]]:
+    """``"A: n n, b: n" -> [("A", ["n", "n"]), ("b", ["n"])]``."""
+    pairs = (re.fullmatch(r"\s*(\w+):\s*([\w\s]*)", part) for part in spec.split(","))
+    return [(pair[1], pair[2].split()) for pair in pairs if pair]
+
+
+def _mismatch(name: str, letters: list[str], shape: tuple, known: dict, origin: dict) -> str:
+    """``B: expected (..., n=4, m), got (3, 1); n=4 comes from A``."""
+    fixed = {c: known[c] for c in letters if c in known and origin.get(c) != name}
+    want = ", ".join(f"{c}={fixed[c]}" if c in fixed else c for c in letters)
+    whence = [f"{c}={s} comes from {origin[c]}" for c, s in fixed.items() if origin.get(c)]
+    return f"{name}: expected (..., {want}), got {shape}" + "".join(f"; {w}" for w in whence)

@@ -1,0 +1,353 @@
+"""Dynamical systems: how a state moves, what is observed of it, and both made linear.
+
+    x[i+1] = f(x[i], u[i], t[i])        y[i] = g(x[i], u[i], t[i])
+
+A user writes f as ``state_transition`` and g as ``observation``, for one sample or for any batch,
+with the time step ``t`` as an argument or without. Calling the system takes one step and ticks
+its clock; nothing else does. Chapter 1 builds this file from scratch.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from .shapes import bmv, check
+
+
+class Linearization(NamedTuple):
+    """A system made linear at a point: ``x' = A x + B u + c1`` and ``y = C x + D u + c2``."""
+
+    A: Tensor
+    B: Tensor
+    C: Tensor
+    D: Tensor
+    c1: Tensor
+    c2: Tensor
+
+
+class System(nn.Module):
+    """A discrete-time dynamical system; subclasses write its two functions.
+
+    A function may be written for one sample, ``state (n,)`` and ``input (m,)``: batches are then
+    mapped over it. A subclass whose functions handle leading dimensions themselves may say
+    ``vectorized = True``, which is faster and lets its parameters have a batch of their own.
+
+    Source: "PyPose v0.6", section III-A, equations (1).
+    """
+
+    vectorized = False
+    _t: Tensor
+
+    def __init__(self):
+        super().__init__()
+        self.register_buffer("_t", torch.zeros((), dtype=torch.int64))
+        self.register_forward_hook(lambda self, args, result: self._tick())
+        self._last: tuple[Tensor, ...] = ()
+
+    def state_transition(self, state: Tensor, input: Tensor, t: Tensor | None = None) -> Tensor:
+        """Returns the next state f(x, u, t), without noise; a subclass writes it."""
+        raise NotImplementedError(f"{type(self).__name__} has to define state_transition")
+
+    def observation(self, state: Tensor, input: Tensor, t: Tensor | None = None) -> Tensor:
+        """Returns the observation g(x, u, t), without noise; a subclass writes it."""
+        raise NotImplementedError(f"{type(self).__name__} has to define observation")
+
+    def forward(self, state: Tensor, input: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns the next state ``(..., n)`` and this step's observation ``(..., p)``.
+
+        The observation belongs to the state before the step. The clock ticks afterwards.
+
+        Args:
+            state: ``(..., n)``.
+            input: ``(..., m)``.
+
+        Raises:
+            ValueError: for shapes, dtypes or numbers that do not fit.
+        """
+        state, input = torch.atleast_1d(state), torch.atleast_1d(input)
+        check("state: n, input: m", state, input)
+        self._last = (state.detach(), input.detach())
+        return self.transition(state, input), self.observe(state, input)
+
+    def transition(self, x: Tensor, u: Tensor, t: Tensor | int | None = None) -> Tensor:
+        """Returns f(x, u, t) for any batch; the clock stays. ``t=None`` is the current time."""
+        y = self._batched(self.state_transition, t)(x, u)
+        if y.shape[-1] != x.shape[-1]:
+            raise ValueError(
+                f"state_transition: expected a state (..., n={x.shape[-1]}), got {tuple(y.shape)}"
+            )
+        return y
+
+    def observe(self, x: Tensor, u: Tensor, t: Tensor | int | None = None) -> Tensor:
+        """Returns g(x, u, t) for any batch; the clock stays. ``t=None`` is the current time."""
+        return self._batched(self.observation, t)(x, u)
+
+    def linearize(self, x: Tensor, u: Tensor, t: Tensor | int | None = None) -> Linearization:
+        """Returns ``A B C D c1 c2`` at ``x (..., n)``, ``u (..., m)``; differentiable.
+
+        Args:
+            x: states ``(..., n)``.
+            u: inputs ``(..., m)``.
+            t: one time step, or one for each member of the batch: a tensor that broadcasts with
+                the leading dimensions. None is the current time.
+        """
+        f, A, B = self.linearize_transition(x, u, t)
+        g, C, D = self.linearize_observation(x, u, t)
+        return Linearization(A, B, C, D, f - bmv(A, x) - bmv(B, u), g - bmv(C, x) - bmv(D, u))
+
+    def linearize_transition(self, x, u, t=None, wrt: str = "xu") -> tuple[Tensor, ...]:
+        """Returns ``f(x, u, t)`` and its Jacobians ``A (..., n, n)``, ``B (..., n, m)``.
+
+        ``wrt="x"`` leaves out B, for those who do not need it.
+        """
+        return _jacobians(self._batched(self.state_transition, t), *_expand(x, u), wrt)
+
+    def linearize_observation(self, x, u, t=None, wrt: str = "xu") -> tuple[Tensor, ...]:
+        """Returns ``g(x, u, t)`` and its Jacobians ``C (..., p, n)``, ``D (..., p, m)``."""
+        return _jacobians(self._batched(self.observation, t), *_expand(x, u), wrt)
+
+    @property
+    def systime(self) -> Tensor:
+        """The current time: how many steps were taken since the start, a 0-dim int64 tensor."""
+        return self._t
+
+    @systime.setter
+    def systime(self, t: Tensor | int) -> None:
+        self.reset(t)
+
+    def reset(self, t: Tensor | int = 0) -> "System":
+        """Sets the clock to step ``t``, a whole number, and returns the system."""
+        value = float(t)
+        if value != round(value):
+            raise ValueError(f"t: expected a whole number of steps, got {value}")
+        self._t = torch.full_like(self._t, round(value))
+        return self
+
+    def _tick(self) -> None:
+        self._t = self._t + 1
+
+    def _at(self, t: Tensor, function: Callable, *args) -> Any:
+        """Calls ``function`` while the clock shows ``t``, and puts the clock back."""
+        now, self._buffers["_t"] = self._buffers["_t"], t
+        try:
+            return function(*args)
+        finally:
+            self._buffers["_t"] = now
+
+    def _batched(self, function: Callable, t: Tensor | int | None) -> Callable:
+        """Returns ``(x, u) -> function(x, u, t)`` for any batch, however function is written.
+
+        vmap maps a function of one sample over the batch. What vmap cannot map (a branch on a
+        state, ``torch.tensor([[t]])``) is looped over, so that the user's own errors arrive.
+        """
+        t = self._buffers["_t"] if t is None else torch.as_tensor(t)
+        args = 2 if _takes_time(function.__func__) else 1  # type: ignore[attr-defined]
+
+        def one(x, u, t):
+            return self._at(t, function, *(x, u, t)[: args + 1]).reshape(-1)  # (1, n) becomes (n,)
+
+        def many(x, u):
+            x, u = _expand(x, u)
+            if self.vectorized and x.ndim > 1:
+                return self._at(t, function, *(x, u, t)[: args + 1])
+            if x.ndim == 1:
+                return one(x, u, t)
+            rows = [z.reshape(-1, z.shape[-1]) for z in (x, u)]
+            steps = t if t.ndim == 0 else t.expand(x.shape[:-1]).reshape(-1)
+            try:
+                dims = (0, 0, 0 if t.ndim else None)
+                y = torch.vmap(one, in_dims=dims, randomness="different")(*rows, steps)
+            except RuntimeError:
+                y = torch.stack([one(*row) for row in zip(*rows, steps.expand(len(rows[0])))])
+            return y.reshape(*x.shape[:-1], -1)
+
+        return many
+
+    def __getattr__(self, name: str):
+        """Lets an AttributeError from inside a property arrive as it is."""
+        if isinstance(getattr(type(self), name, None), property):
+            return getattr(type(self), name).fget(self)
+        return super().__getattr__(name)
+
+
+class NLS(System):
+    """A nonlinear system; ``A B C D c1 c2`` are those at the reference point.
+
+    Source: "PyPose v0.6", section III-A.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self._reference: tuple[Tensor, ...] = ()
+
+    def set_refpoint(self, state=None, input=None, t=None) -> "NLS":
+        """Sets where ``A B C D c1 c2`` are taken; what is None is that of the latest step."""
+        if (state is None or input is None) and not self._last:
+            raise RuntimeError("set_refpoint: no step was taken yet, so give state and input")
+        state = self._last[0] if state is None else torch.atleast_1d(state)
+        input = self._last[1] if input is None else torch.atleast_1d(input)
+        check("state: n, input: m", state, input)
+        self._reference = (state, input, self._t if t is None else torch.as_tensor(t))
+        return self
+
+    def __getstate__(self) -> dict:
+        """A copy keeps the values of the reference point, not the graph that led to them."""
+        reference = tuple(part.detach() for part in self._reference)
+        return self.__dict__ | {"_reference": reference}
+
+    @property
+    def _linear(self) -> Linearization:
+        if not self._reference:
+            raise RuntimeError("A B C D c1 c2: call set_refpoint(state, input, t) first")
+        return self.linearize(*self._reference)
+
+    A = property(lambda self: self._linear.A, doc="df/dx at the reference point, (..., n, n).")
+    B = property(lambda self: self._linear.B, doc="df/du at the reference point, (..., n, m).")
+    C = property(lambda self: self._linear.C, doc="dg/dx at the reference point, (..., p, n).")
+    D = property(lambda self: self._linear.D, doc="dg/du at the reference point, (..., p, m).")
+    c1 = property(lambda self: self._linear.c1, doc="f(x, u) - A x - B u there, (..., n).")
+    c2 = property(lambda self: self._linear.c2, doc="g(x, u) - C x - D u there, (..., p).")
+
+
+class LTI(System):
+    """A linear system that stays: ``x' = A x + B u + c1``, ``y = C x + D u + c2``.
+
+    Args:
+        A: ``(..., n, n)``.
+        B: ``(..., n, m)``.
+        C: ``(..., p, n)``.
+        D: ``(..., p, m)``.
+        c1: ``(..., n)`` or None.
+        c2: ``(..., p)`` or None.
+
+    Raises:
+        ValueError: for matrices that do not fit together.
+    """
+
+    vectorized = True
+
+    def __init__(self, A, B, C, D, c1=None, c2=None):
+        super().__init__()
+        self._check_matrices(A, B, C, D, c1, c2)
+        for name, value in zip(("_A", "_B", "_C", "_D", "_c1", "_c2"), (A, B, C, D, c1, c2)):
+            if isinstance(value, nn.Parameter):
+                self.register_parameter(name, value)
+            else:
+                self.register_buffer(name, value)
+
+    @staticmethod
+    def _check_matrices(*matrices: Tensor | None) -> None:
+        check("A: n n, B: n m, C: p n, D: p m, c1: n, c2: p", *matrices)
+
+    A = property(lambda self: self._A, doc="State matrix, (..., n, n).")
+    B = property(lambda self: self._B, doc="Input matrix, (..., n, m).")
+    C = property(lambda self: self._C, doc="Output matrix, (..., p, n).")
+    D = property(lambda self: self._D, doc="Feedthrough matrix, (..., p, m).")
+    c1 = property(lambda self: self._c1, doc="Constant of the transition, (..., n), or None.")
+    c2 = property(lambda self: self._c2, doc="Constant of the observation, (..., p), or None.")
+
+    def forward(self, state, input):
+        """Returns the next state and the observation; see :meth:`System.forward`."""
+        check("A: n n, B: n m, state: n, input: m", self.A, self.B, state, input)
+        return super().forward(state, input)
+
+    def set_refpoint(self, state=None, input=None, t=None) -> "LTI":
+        """Returns the system: a linear one is the same at every point."""
+        return self
+
+    def state_transition(self, state, input, t=None):
+        """Returns ``A x + B u + c1``."""
+        return _affine(self.A, state, self.B, input, self.c1)
+
+    def observation(self, state, input, t=None):
+        """Returns ``C x + D u + c2``."""
+        return _affine(self.C, state, self.D, input, self.c2)
+
+    def linearize_transition(self, x, u, t=None, wrt="xu"):
+        """Returns ``f``, ``A`` and ``B``, expanded to the batch."""
+        return self._at_time(self.state_transition, lambda: (self.A, self.B), x, u, t, wrt)
+
+    def linearize_observation(self, x, u, t=None, wrt="xu"):
+        """Returns ``g``, ``C`` and ``D``, expanded to the batch."""
+        return self._at_time(self.observation, lambda: (self.C, self.D), x, u, t, wrt)
+
+    def _at_time(self, function, matrices, x, u, t, wrt) -> tuple[Tensor, ...]:
+        t = self._t if t is None else torch.as_tensor(t)
+        y, pair = self._at(t, lambda: (function(x, u), matrices()))
+        wanted = [m for letter, m in zip("xu", pair) if letter in wrt]
+        return (y, *(m.expand(*y.shape[:-1], *m.shape[-2:]) for m in wanted))
+
+
+class LTV(LTI):
+    """A linear system that changes: ``x' = A_t x + B_t u + c1_t``, ``y = C_t x + D_t u + c2_t``.
+
+    A subclass gives the matrices of the current step as properties that read ``self._t``; what
+    the constructor is given waits in ``self._A`` to ``self._c2``, in any layout. Without such
+    properties the matrices are ``(..., T, rows, columns)`` and the step is counted modulo T.
+    """
+
+    def __init__(self, A=None, B=None, C=None, D=None, c1=None, c2=None):
+        super().__init__(A, B, C, D, c1, c2)
+
+    @staticmethod
+    def _check_matrices(*matrices: Tensor | None) -> None:
+        pass  # their layout is the subclass's
+
+    def _now(self, stack: Tensor | None, dims: int) -> Tensor | None:
+        return None if stack is None else stack.select(-dims, int(self._t) % stack.shape[-dims])
+
+    A = property(lambda self: self._now(self._A, 3), doc="State matrix now, (..., n, n).")
+    B = property(lambda self: self._now(self._B, 3), doc="Input matrix now, (..., n, m).")
+    C = property(lambda self: self._now(self._C, 3), doc="Output matrix now, (..., p, n).")
+    D = property(lambda self: self._now(self._D, 3), doc="Feedthrough matrix now, (..., p, m).")
+    c1 = property(lambda self: self._now(self._c1, 2), doc="Constant of the transition now.")
+    c2 = property(lambda self: self._now(self._c2, 2), doc="Constant of the observation now.")
+
+    def set_refpoint(self, state=None, input=None, t=None) -> "LTV":
+        """Sets the clock to ``t``, where it is given, and returns the system."""
+        return self if t is None else self.reset(t)
+
+    def _at_time(self, function, matrices, x, u, t, wrt):
+        t = self._t if t is None else torch.as_tensor(t)
+        if t.ndim == 0:
+            return super()._at_time(function, matrices, x, u, t, wrt)
+        x, u = _expand(x, u)
+        steps = [super(LTV, self)._at_time(function, matrices, *s, wrt) for s in zip(x, u, t)]
+        return tuple(torch.stack(part) for part in zip(*steps))
+
+
+def _affine(M: Tensor, x: Tensor, N: Tensor, u: Tensor, c: Tensor | None) -> Tensor:
+    y = bmv(M, x) + bmv(N, u)
+    return y if c is None else y + c
+
+
+def _expand(x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+    """Gives states and inputs the same leading dimensions."""
+    if x.shape[:-1] == u.shape[:-1]:
+        return x, u
+    batch = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1])
+    return x.expand(*batch, -1), u.expand(*batch, -1)
+
+
+@functools.cache
+def _takes_time(function: Callable) -> bool:
+    return len(inspect.signature(function).parameters) > 3  # self, state, input, t
+
+
+def _jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tensor, ...]:
+    """Returns ``function(x, u)`` and its Jacobians in x and u, all of a batch in one call.
+
+    Reverse mode: a row of every member's Jacobian is one pull-back of a unit vector.
+    """
+    if wrt == "xu":
+        y, pull = torch.func.vjp(function, x, u)
+    else:
+        y, pull = torch.func.vjp(lambda x: function(x, u), x)
+    p = y.shape[-1]
+    rows = torch.eye(p, dtype=y.dtype, device=y.device)
+    rows = rows.reshape(p, *[1] * (y.ndim - 1), p).expand(p, *y.shape)
+    return (y, *(J.movedim(0, -2) for J in torch.vmap(pull)(rows)))

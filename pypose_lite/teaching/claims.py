@@ -1,0 +1,144 @@
+"""Claims: nothing is said that is not checked.
+
+A claim is a number that the book states, in a cell that fails where the number is not as stated.
+It leaves its record in the cell's output, so that the record travels with the notebook: the page
+fills ``{claim}`name``` in from there, and the scoreboard lists all records of a build.
+"""
+
+import math
+import re
+from dataclasses import asdict, dataclass
+from typing import Any
+
+Number = bool | int | float
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One checked number; ``bound`` is in words, and ``paper`` is what the paper reports."""
+
+    name: str
+    value: Number
+    bound: str
+    unit: str = ""
+    paper: Number | None = None
+    varies: bool = False
+
+    @property
+    def number(self) -> str:
+        """The number as prose shows it, with its unit."""
+        return _shown(self.value, self.unit)
+
+    def __str__(self) -> str:
+        """The line under the figure."""
+        paper = "" if self.paper is None else f" (paper: {_shown(self.paper, self.unit)})"
+        return f"`{self.name}` = {self.number}, {self.bound}{paper}"
+
+
+def claim(
+    name: str,
+    value: Any,
+    *,
+    below: float | None = None,
+    above: float | None = None,
+    equals: float | None = None,
+    within: float | None = None,
+    unit: str = "",
+    paper: Number | None = None,
+    varies: bool = False,
+) -> None:
+    """Shows and records a number, and raises where it is not as claimed.
+
+    Args:
+        name: how the text refers to it, ``{claim}`name```: lower-case letters, digits, underscores.
+        value: a number, or a tensor or array that holds a single one. NaN fails every claim.
+        below: the number is less than this.
+        above: the number is greater than this.
+        equals: the number is this one, exactly or ``within`` a distance.
+        within: the distance allowed from ``equals``.
+        unit: SI unit, ``"m"``.
+        paper: the number that the paper reports, for the scoreboard.
+        varies: True for durations and the like, which differ from one run to the next.
+
+    Raises:
+        AssertionError: the claim does not hold.
+        ValueError: the claim says nothing, or its name or its value is not of the form above.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise ValueError(f"name: expected lower-case letters, digits, underscores, got {name!r}")
+    if below is above is equals is None:
+        raise ValueError(f"{name}: a claim needs below=, above= or equals=")
+    if within is not None and equals is None:
+        raise ValueError(f"{name}: within= needs equals=")
+    number = _number(name, value)
+    holds = (
+        (below is None or number < below)
+        and (above is None or number > above)
+        and (equals is None or abs(number - equals) <= (within or 0))
+    )
+    bound = _bound(below, above, equals, within, unit)
+    record = Claim(name, number, bound, unit, paper, varies)
+    if not holds:
+        raise AssertionError(f"claim does not hold: {name} = {number!r} {unit}; claimed: {bound}")
+    _show(record)
+
+
+def records(notebook: Any) -> list[dict[str, Any]]:
+    """Returns the claims that an executed notebook (nbformat) holds, each with its ``In [cell]``."""
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    return [
+        {"cell": number, **output["metadata"]["claim"]}
+        for number, cell in enumerate(code, start=1)
+        for output in cell.get("outputs", [])
+        if "claim" in output.get("metadata", {})
+    ]
+
+
+def _show(record: Claim) -> None:
+    """Displays the line; its plain text is the number alone, which is what myst-nb glues."""
+    try:
+        from IPython import display, get_ipython
+    except ImportError:
+        return print(record)
+    if not hasattr(get_ipython(), "kernel"):
+        return print(record)
+    display.display(
+        {"text/plain": record.number, "text/markdown": f"✓ {record}"},
+        raw=True,
+        metadata={"scrapbook": {"name": record.name, "mime_prefix": ""}, "claim": asdict(record)},
+    )
+
+
+def _number(name: str, value: Any) -> Number:
+    """A plain number from a number, a tensor or an array."""
+    try:
+        number = value.item() if hasattr(value, "item") else value
+    except (RuntimeError, ValueError):
+        raise ValueError(f"{name}: expected one number, got shape {tuple(value.shape)}") from None
+    if not isinstance(number, bool | int | float):
+        raise ValueError(f"{name}: expected one number, got {type(value).__name__}")
+    return number
+
+
+def _bound(
+    below: Number | None,
+    above: Number | None,
+    equals: Number | None,
+    within: Number | None,
+    unit: str,
+) -> str:
+    """``above 3.34 and below 4.72``, ``equal to 1 m within 0.02 m``."""
+    parts = {"above": above, "below": below, "equal to": equals}
+    words = " and ".join(f"{k} {_shown(v, unit)}" for k, v in parts.items() if v is not None)
+    return words if within is None else f"{words} within {_shown(within, unit)}"
+
+
+def _shown(value: Number, unit: str) -> str:
+    """Whole numbers in full, others with three digits: ``0.0543 m``, ``12``, ``1.2e-7``, ``yes``."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int) or (math.isfinite(value) and 1000 <= abs(value) < 1e6):
+        text = f"{value:.0f}"
+    else:
+        text = re.sub(r"e([+-])0+", r"e\1", f"{value:.3g}").replace("e+", "e")
+    return f"{text} {unit}".strip()

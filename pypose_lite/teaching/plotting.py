@@ -1,0 +1,108 @@
+"""The book's pictures of the plane: every function takes an ``ax`` and returns what it drew.
+
+States are rows ``[i, j, cos, sin]``: the position in metres, then the heading. The colours are
+those of Okabe and Ito, which colour-blind readers can tell apart, and the shapes differ as well.
+"""
+
+import math
+
+import matplotlib.pyplot as plt
+import torch
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+from matplotlib.quiver import Quiver
+from torch import Tensor
+
+from ..shapes import check
+
+BLUE, RED, ORANGE = "#0072B2", "#D55E00", "#E69F00"
+GREEN, PURPLE, SKY, GREY = "#009E73", "#CC79A7", "#56B4E9", "#666666"
+
+
+def use_style() -> None:
+    """Sets fonts, sizes and the order of colours for all figures of a chapter, 7 inches wide."""
+    plt.rcParams.update(
+        {
+            "figure.figsize": (7, 4),
+            "figure.dpi": 120,
+            "figure.constrained_layout.use": True,
+            "font.size": 10,
+            "legend.fontsize": 9,
+            "xtick.labelsize": 9,
+            "ytick.labelsize": 9,
+            "axes.grid": True,
+            "grid.alpha": 0.3,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "legend.frameon": False,
+            "axes.prop_cycle": plt.cycler(color=[BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY]),
+        }
+    )
+
+
+def infinity_axes(ax: Axes, title: str = "", margin: float = 0.4) -> Axes:
+    """Returns ``ax`` as the plane of the infinity: metres, equal scales, ``margin`` around it."""
+    ax.set_aspect("equal")
+    ax.set(xlim=(-2 - margin, 2 + margin), ylim=(-1 - margin, 1 + margin))
+    ax.set(xlabel="i (m)", ylabel="j (m)", title=title)
+    return ax
+
+
+def plot_waypoints(ax: Axes, waypoints: Tensor, label: str = "waypoints") -> PathCollection:
+    """Returns the red points that the car has to visit; ``waypoints (T, n)``, n >= 2."""
+    i, j = _positions("waypoints", waypoints)
+    return ax.scatter(i, j, s=36, color=RED, marker="o", zorder=3, label=label)
+
+
+def plot_states(ax: Axes, x: Tensor, label: str | None = None, color: str = BLUE) -> list[Line2D]:
+    """Returns the connected dots of a run ``x (T, n)``, or of a batch of them ``(..., T, n)``."""
+    check("x: T n", x)
+    paths = x.detach().cpu()[..., :2].reshape(-1, *x.shape[-2:-1], 2)
+    style = {"marker": ".", "markersize": 5, "linewidth": 1, "color": color}
+    lines = [ax.plot(path[:, 0], path[:, 1], **style)[0] for path in paths]
+    lines[0].set_label(label or "_nolegend_")
+    return lines
+
+
+def plot_reference(ax: Axes, points: Tensor, label: str = "reference") -> list[Line2D]:
+    """Returns the orange curve that the car should follow; ``points (T, n)``, n >= 2."""
+    return ax.plot(*_positions("points", points), color=ORANGE, lw=3, alpha=0.6, label=label)
+
+
+def plot_heading(ax: Axes, x: Tensor, length: float = 0.25, color: str = "black") -> Quiver:
+    """Returns an arrow of ``length`` metres at each state of ``x (T, 4)``, along its heading."""
+    check("x: T four", x, four=4)
+    i, j, c, s = x.detach().cpu().unbind(-1)
+    scale = {"angles": "xy", "scale_units": "xy", "scale": 1 / length, "width": 0.004}
+    return ax.quiver(i, j, c, s, color=color, zorder=4, **scale)
+
+
+def plot_covariance(
+    ax: Axes, mean: Tensor, P: Tensor, probability: float = 0.95, color: str = BLUE
+) -> Ellipse:
+    """Returns the ellipse that holds the position with ``probability``.
+
+    Args:
+        ax: where to draw.
+        mean: the estimate (n,), position first.
+        P: its covariance (n, n), in square metres.
+        probability: of the position lying inside, 0 < probability < 1.
+        color: of the outline.
+    """
+    check("mean: n, P: n n", mean, P)
+    # In two dimensions the squared Mahalanobis distance exceeds r^2 with probability exp(-r^2/2).
+    radius = math.sqrt(-2 * math.log(1 - probability))
+    variance, axes = torch.linalg.eigh(P.detach().cpu()[:2, :2])
+    minor, major = (2 * radius * variance.clamp(min=0).sqrt()).tolist()
+    angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
+    i, j = mean.detach().cpu()[:2].tolist()
+    ellipse = Ellipse((i, j), major, minor, angle=angle, fill=False, color=color, lw=1)
+    return ax.add_patch(ellipse)
+
+
+def _positions(name: str, points: Tensor) -> tuple[Tensor, Tensor]:
+    """The first two columns of ``(T, n)`` as matplotlib takes them."""
+    check(f"{name}: T n", points)
+    return points.detach().cpu()[:, 0], points.detach().cpu()[:, 1]

@@ -1,0 +1,91 @@
+"""What a chapter is held to beside that its cells run: figures have claims, prose no measurements.
+
+Each rule reads a notebook (nbformat), outputs included, and yields its complaints.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+from .claims import records
+
+# Numbers that are given, not measured, and may stand in prose: the example's and the paper's.
+GIVEN = frozenset(
+    ["1 m", "45 degrees", "95 %", "0.1", "0.005", "0.05", "0.163", "0.058", "0.065"]
+    + ["3.34", "4.72", "0.2045", "0.1803", "0.1802", "0.0959"]
+)
+NOT_PROSE = re.compile(
+    r"<!--.*?-->|```.*?```|\$\$.*?\$\$|\$[^$\n]+\$"  # comments, code, mathematics
+    r"|(?:\{[\w:-]+\})?`[^`]*`|<[^>\n]+>|\]\([^)]*\)|https?://\S+"  # roles, tags, links
+    r"|\b(?:Section|Chapter|Table|Figure|Fig\.|Eq\.|Exercise|Python|PyPose) \d[\d.]*",  # names
+    re.DOTALL | re.IGNORECASE,
+)
+UNITS = (
+    r"\s?(?:cm|mm|ms|µs|us|ns|m|s|Hz|rad|deg|°|%|"
+    r"metres?|seconds?|milliseconds?|microseconds?|minutes?|degrees?|radians?|percent|times)(?!\w)"
+)
+MEASURED = re.compile(rf"(?<![\w.])(?:\d+\.\d+(?:e-?\d+)?(?!\.?\d)(?:{UNITS})?|\d+{UNITS})")
+FIGURE = re.compile(r"image/|video/|application/vnd\.jupyter\.widget-view")
+
+
+def complaints(notebook: Any) -> list[str]:
+    """Returns what is wrong with an executed chapter, by all the rules."""
+    rules = measured_numbers, figures_without_claim, claims_twice
+    return [complaint for rule in rules for complaint in rule(notebook)]
+
+
+def measured_numbers(notebook: Any) -> Iterator[str]:
+    """Yields each number in prose that has a decimal point or a unit and is not known as given.
+
+    Code, mathematics, roles, links, tags and comments are not prose. A number that is given, such
+    as a setting, is declared in the same cell: ``<!-- given: 0.3 m, 20 Hz -->``.
+    """
+    for cell in notebook.cells:
+        if cell.cell_type != "markdown":
+            continue
+        declared = re.findall(r"<!-- given: (.*?) -->", cell.source)
+        given = GIVEN.union(*(part.split(", ") for part in declared))
+        for number in MEASURED.findall(NOT_PROSE.sub(" ", cell.source)):
+            if not given & {number, number.split()[0]}:
+                yield (
+                    f"prose states {number!r}. Measured: let a cell claim it and write "
+                    f"{{claim}}`its_name` instead. Given: add <!-- given: {number} --> to the text "
+                    f"cell that begins {cell.source[:40]!r}"
+                )
+
+
+def figures_without_claim(notebook: Any) -> Iterator[str]:
+    """Yields each section (from one ``#`` or ``##`` heading to the next) that only shows."""
+    title, figures, claims = "the beginning", 0, 0
+    for cell in [*notebook.cells, None]:
+        heading = _heading(cell) if cell is not None else "the end"
+        if heading and figures and not claims:
+            yield f"section {title!r} shows a figure and claims nothing: add a claim(...) under it"
+        if heading:
+            title, figures, claims = heading, 0, 0
+        if cell is not None and cell.cell_type == "code":
+            figures += any(map(_is_figure, cell.get("outputs", [])))
+            claims += any("claim" in out.get("metadata", {}) for out in cell.get("outputs", []))
+
+
+def claims_twice(notebook: Any) -> Iterator[str]:
+    """Yields each name under which two claims are made."""
+    for name, count in Counter(record["name"] for record in records(notebook)).items():
+        if count > 1:
+            yield f"claim {name!r} is made {count} times: text could not tell which one it means"
+
+
+def _heading(cell: Any) -> str:
+    """The last heading of the first or second level in a text cell, or nothing."""
+    if cell.cell_type != "markdown":
+        return ""
+    text = re.sub(r"```.*?```", "", cell.source, flags=re.DOTALL)
+    return "".join(re.findall(r"^##? (.+)$", text, flags=re.MULTILINE)[-1:])
+
+
+def _is_figure(output: Any) -> bool:
+    """Whether an output is a picture, a film or a widget."""
+    data = output.get("data", {})
+    drawn = re.search(r"<(img|svg|video)\b", "".join(data.get("text/html", "")))
+    return drawn is not None or any(map(FIGURE.match, data))

@@ -1,0 +1,90 @@
+"""The groups of rotations and poses, and the tensor of poses that carries PyPose's names.
+
+Each group ``G`` of ``so2 se2 so3 se3`` has ``G_exp`` (tangent to group), ``G_log`` (back),
+``G_compose``, ``G_inverse``, ``G_act`` (on points), ``G_matrix`` and ``G_adjoint``; all are
+functions on tensors, batched and differentiable, also at the identity and at half a turn.
+
+| group | element                 | tangent              |
+|-------|-------------------------|----------------------|
+| SO(2) | ``[cos, sin]``          | ``[phi]``            |
+| SE(2) | ``[x, y, cos, sin]``    | ``[rho (2), phi]``   |
+| SO(3) | ``[x, y, z, w]``, unit  | ``phi (3)``          |
+| SE(3) | ``[t (3), x, y, z, w]`` | ``[rho (3), phi (3)]`` |
+
+Tangents act on the right, in the frame of the moving body: ``T(t) = T0 exp(t xi)`` is what a
+body with the constant body twist ``xi`` does.
+"""
+
+from .plane import (
+    se2_act,
+    se2_adjoint,
+    se2_compose,
+    se2_exp,
+    se2_inverse,
+    se2_log,
+    se2_matrix,
+    so2_act,
+    so2_adjoint,
+    so2_compose,
+    so2_exp,
+    so2_inverse,
+    so2_log,
+    so2_matrix,
+)
+from .space import (
+    se3_act,
+    se3_adjoint,
+    se3_bracket,
+    se3_compose,
+    se3_exp,
+    se3_inverse,
+    se3_log,
+    se3_matrix,
+    so3_act,
+    so3_adjoint,
+    so3_compose,
+    so3_exp,
+    so3_inverse,
+    so3_log,
+    so3_matrix,
+    so3_normalize,
+)
+from .tensor import SE3, identity_SE3, is_SE3, randn_SE3, se3
+
+__all__ = [
+    "SE3",
+    "identity_SE3",
+    "is_SE3",
+    "randn_SE3",
+    "se2_act",
+    "se2_adjoint",
+    "se2_compose",
+    "se2_exp",
+    "se2_inverse",
+    "se2_log",
+    "se2_matrix",
+    "se3",
+    "se3_act",
+    "se3_adjoint",
+    "se3_bracket",
+    "se3_compose",
+    "se3_exp",
+    "se3_inverse",
+    "se3_log",
+    "se3_matrix",
+    "so2_act",
+    "so2_adjoint",
+    "so2_compose",
+    "so2_exp",
+    "so2_inverse",
+    "so2_log",
+    "so2_matrix",
+    "so3_act",
+    "so3_adjoint",
+    "so3_compose",
+    "so3_exp",
+    "so3_inverse",
+    "so3_log",
+    "so3_matrix",
+    "so3_normalize",
+]

@@ -1,0 +1,66 @@
+"""The simulated Go1 as a program of its own.
+
+python -m pypose_lite.go1.simulator --port 8082 --model edu
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+from .dog import STEP, Numbers
+from .faults import Faults
+from .protocol import COMMAND_SIZE
+from .simulation import Simulation, Simulator
+from .transport import UdpServer
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs a simulated robot until Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    faults = Faults(**{f.name: getattr(options, f.name) for f in fields(Faults)})
+    numbers = replace(Numbers(), lag=options.lag, dead_band=options.dead_band)
+    simulation = Simulation(
+        options.model, options.seed, numbers, faults, options.freeze, options.vanish
+    )
+    server = UdpServer(options.host, options.port, COMMAND_SIZE, numbers.silence)
+    print(f"simulated Go1 ({options.model}) on udp://{options.host}:{server.port}", flush=True)
+    try:
+        simulator = Simulator(server, simulation)
+        while True:
+            simulator.step(timeout=STEP)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.close()
+
+
+def _parser() -> argparse.ArgumentParser:
+    """What `python -m pypose_lite.go1.simulator` takes."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pypose_lite.go1.simulator",
+        description="A simulated Go1 on UDP: it speaks the robot's protocol.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    add, standard = parser.add_argument, Simulation()
+    add("--host", default="127.0.0.1", help="address to listen on")
+    add("--port", type=int, default=8082, help="port to listen on; 0 takes a free one")
+    add("--model", choices=["edu", "pro"], default="edu", help="whose checksums it takes")
+    add("--seed", type=int, default=0, help="of its noise and its faults")
+    add("--lag", type=float, default=standard.numbers.lag, help="s, of the velocities")
+    add("--dead-band", type=float, default=standard.numbers.dead_band, help="m/s")
+    for name, what in (
+        ("loss", "share of datagrams lost, each way"),
+        ("delay", "s, each way"),
+        ("duplicates", "share of datagrams that come twice"),
+        ("reordering", "share of datagrams held back"),
+        ("garbage", "share of datagrams followed by garbage"),
+        ("lateness", "s, the most a doubled or held-back datagram is late"),
+    ):
+        add(f"--{name}", type=float, default=getattr(standard.faults, name), help=what)
+    add("--freeze", type=float, default=standard.freeze, help="s until its state stops changing")
+    add("--vanish", type=float, default=standard.vanish, help="s until it falls silent")
+    return parser
+
+
+if __name__ == "__main__":
+    main()

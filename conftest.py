@@ -6,6 +6,7 @@ and writes its claims to ``build/claims/03_mpc.json`` (or to the folder CLAIMS, 
 
 import json
 import os
+from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
@@ -44,7 +45,7 @@ class Proofreading(pytest.Item):
         chapter = self.parent
         for item in chapter.cells:
             item.cell.outputs = item.test_outputs or []
-        made = claims.records(chapter.nb)
+        made = [asdict(claim) for claim in claims.claims_in(chapter.nb)]
         folder = Path(os.environ.get("CLAIMS", ROOT / "build" / "claims"))
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{chapter.path.stem}.json").write_text(json.dumps(made, indent=1) + "\n")

@@ -15,7 +15,11 @@ Number = bool | int | float
 
 @dataclass(frozen=True)
 class Claim:
-    """One checked number; ``bound`` is in words, and ``paper`` is what the paper reports."""
+    """A number that a cell has checked.
+
+    ``bound`` says in words what was claimed, ``paper`` is what the paper reports, and ``cell``
+    counts the code cells of the chapter from 1.
+    """
 
     name: str
     value: Number
@@ -23,15 +27,21 @@ class Claim:
     unit: str = ""
     paper: Number | None = None
     varies: bool = False
+    cell: int | None = None
 
     @property
     def number(self) -> str:
         """The number as prose shows it, with its unit."""
         return _shown(self.value, self.unit)
 
+    @property
+    def reported(self) -> str:
+        """The paper's number with its unit, or nothing."""
+        return "" if self.paper is None else f"{self.paper} {self.unit}".strip()
+
     def __str__(self) -> str:
         """The line under the figure."""
-        paper = "" if self.paper is None else f" (paper: {_shown(self.paper, self.unit)})"
+        paper = f" (paper: {self.reported})" if self.reported else ""
         return f"`{self.name}` = {self.number}, {self.bound}{paper}"
 
 
@@ -83,11 +93,11 @@ def claim(
     _show(record)
 
 
-def records(notebook: Any) -> list[dict[str, Any]]:
-    """Returns the claims that an executed notebook (nbformat) holds, each with its ``In [cell]``."""
+def claims_in(notebook: Any) -> list[Claim]:
+    """Returns the claims that an executed notebook (nbformat) holds, with their cells' numbers."""
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     return [
-        {"cell": number, **output["metadata"]["claim"]}
+        Claim(**{**output["metadata"]["claim"], "cell": number})
         for number, cell in enumerate(code, start=1)
         for output in cell.get("outputs", [])
         if "claim" in output.get("metadata", {})
@@ -95,18 +105,15 @@ def records(notebook: Any) -> list[dict[str, Any]]:
 
 
 def _show(record: Claim) -> None:
-    """Displays the line; its plain text is the number alone, which is what myst-nb glues."""
+    """Displays the line under the figure, with the record in the output's metadata."""
     try:
         from IPython import display, get_ipython
     except ImportError:
         return print(record)
     if not hasattr(get_ipython(), "kernel"):
         return print(record)
-    display.display(
-        {"text/plain": record.number, "text/markdown": f"✓ {record}"},
-        raw=True,
-        metadata={"scrapbook": {"name": record.name, "mime_prefix": ""}, "claim": asdict(record)},
-    )
+    line = {"text/plain": f"✓ {record}", "text/markdown": f"✓ {record}"}
+    display.display(line, raw=True, metadata={"claim": asdict(record)})
 
 
 def _number(name: str, value: Any) -> Number:
@@ -134,7 +141,7 @@ def _bound(
 
 
 def _shown(value: Number, unit: str) -> str:
-    """Whole numbers in full, others with three digits: ``0.0543 m``, ``12``, ``1.2e-7``, ``yes``."""
+    """Whole numbers in full, others with three digits: ``0.0543 m``, ``48``, ``1.2e-7``, ``yes``."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int) or (math.isfinite(value) and 1000 <= abs(value) < 1e6):

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
-from .claims import records
+from .claims import claims_in
 
 # Numbers that are given, not measured, and may stand in prose: the example's and the paper's.
 GIVEN = frozenset(
@@ -26,12 +26,13 @@ UNITS = (
     r"metres?|seconds?|milliseconds?|microseconds?|minutes?|degrees?|radians?|percent|times)(?!\w)"
 )
 MEASURED = re.compile(rf"(?<![\w.])(?:\d+\.\d+(?:e-?\d+)?(?!\.?\d)(?:{UNITS})?|\d+{UNITS})")
+REFERENCE = re.compile(r"\{claim\}`([\w.]+)`")  # `name`, or `03_mpc.name` in another chapter
 FIGURE = re.compile(r"image/|video/|application/vnd\.jupyter\.widget-view")
 
 
 def complaints(notebook: Any) -> list[str]:
     """Returns what is wrong with an executed chapter, by all the rules."""
-    rules = measured_numbers, figures_without_claim, claims_twice
+    rules = measured_numbers, figures_without_claim, claims_twice, claims_unmade
     return [complaint for rule in rules for complaint in rule(notebook)]
 
 
@@ -71,9 +72,19 @@ def figures_without_claim(notebook: Any) -> Iterator[str]:
 
 def claims_twice(notebook: Any) -> Iterator[str]:
     """Yields each name under which two claims are made."""
-    for name, count in Counter(record["name"] for record in records(notebook)).items():
+    for name, count in Counter(made.name for made in claims_in(notebook)).items():
         if count > 1:
             yield f"claim {name!r} is made {count} times: text could not tell which one it means"
+
+
+def claims_unmade(notebook: Any) -> Iterator[str]:
+    """Yields each name that the text refers to and no cell claims; other chapters' are not seen."""
+    made = {claim.name for claim in claims_in(notebook)}
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            for name in REFERENCE.findall(cell.source):
+                if "." not in name and name not in made:
+                    yield f"text refers to {{claim}}`{name}`, which no cell claims"
 
 
 def _heading(cell: Any) -> str:

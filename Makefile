@@ -1,0 +1,73 @@
+# make book    the book as a site, from executed chapters, and the scoreboard of its claims
+# make test    everything that CI checks
+# make lab     the chapters in JupyterLab
+# make page CHAPTER=03_mpc   one chapter alone, run and built, to look at
+# make bench   speed beside other libraries, as ratios
+# make clean   removes what these made, .venv excepted
+
+SHELL := /bin/sh
+.DELETE_ON_ERROR:
+.PHONY: book test lab page bench clean lint chapters site
+
+PYTHON ?= python3
+BIN := .venv/bin
+export OMP_NUM_THREADS ?= 1
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+LIBRARY := $(shell find pypose_lite -name '*.py')
+NOTEBOOKS := $(patsubst book/%.py,build/executed/%.ipynb,$(wildcard book/*.py))
+SITE := build/site/_build/html/index.html
+JUPYTER_BOOK := jupyter-book build -q
+
+book: site
+	@python book/site/scoreboard.py build/executed
+	@printf '\nThe book: file://%s\n' "$(CURDIR)/$(SITE)"
+
+test: lint site
+	pytest book solutions -q -n 2 --dist loadfile
+	python book/site/scoreboard.py build/executed build/claims
+	pytest tests -q -n 2 --dist loadfile
+
+lint: .venv/.installed
+	ruff check
+	ruff format --check
+	mypy
+
+site: chapters build/npm/.complete
+	python book/site/stage.py build/executed build/book
+	cp -p build/npm/*.js build/book/static
+	$(JUPYTER_BOOK) build/book --path-output build/site -W -n --keep-going
+
+# Chapters run side by side, one process for each of two cores; each is run again only when it or
+# the library has changed.
+chapters: .venv/.installed
+	@$(MAKE) --no-print-directory -j2 $(NOTEBOOKS)
+
+build/executed/%.ipynb: book/%.py book/site/execute.py $(LIBRARY) .venv/.installed
+	@python book/site/execute.py $< $@
+
+build/npm/.complete: book/site/assets.sh .venv/.installed
+	@$< build/npm && touch $@
+
+.venv/.installed: pyproject.toml constraints.txt requirements-vendor.txt .ci/install
+	@.ci/install $(PYTHON)
+
+page: build/executed/$(CHAPTER).ipynb build/npm/.complete
+	python book/site/stage.py build/executed build/page $(CHAPTER)
+	printf 'format: jb-book\nroot: $(CHAPTER)\n' > build/page/_toc.yml
+	cp -p build/npm/*.js build/page/static
+	$(JUPYTER_BOOK) build/page
+	@printf '\nThe page: file://%s\n' "$(CURDIR)/build/page/_build/html/$(CHAPTER).html"
+
+lab: .venv/.installed
+	@JUPYTER_CONFIG_DIR=build/lab jupytext-config set-default-viewer python
+	JUPYTER_CONFIG_DIR=build/lab jupyter lab --ip=127.0.0.1 --LabApp.news_url=None book
+
+bench: .venv/.installed-bench
+	pytest tests/bench --benchmark-only
+
+.venv/.installed-bench: .venv/.installed
+	@.ci/install $(PYTHON) bench
+
+clean:
+	rm -rf build

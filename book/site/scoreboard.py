@@ -1,0 +1,69 @@
+"""Gathers the claims of executed chapters; prints them, or says which numbers did not repeat.
+
+``python book/site/scoreboard.py EXECUTED`` prints the scoreboard of a folder of notebooks, and
+``python book/site/scoreboard.py EXECUTED RECORDS`` compares it with the records of another run.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import nbformat
+
+from pypose_lite.teaching.claims import Claim, claims_in
+
+COLUMNS = ["chapter", "claim", "paper", "ours", "bound", "cell"]
+Claims = dict[tuple[str, str], Claim]  # by chapter and name
+
+
+def gather(executed: Path) -> Claims:
+    """The claims of all notebooks in a folder, in the order of the chapters' names."""
+    return {
+        (path.stem, claim.name): claim
+        for path in sorted(executed.glob("*.ipynb"))
+        for claim in claims_in(nbformat.read(path, as_version=4))
+    }
+
+
+def recorded(folder: Path) -> Claims:
+    """The claims that pytest wrote down when it ran the chapters."""
+    return {
+        (path.stem, record["name"]): Claim(**record)
+        for path in sorted(folder.glob("*.json"))
+        for record in json.loads(path.read_text())
+    }
+
+
+def row(chapter: str, claim: Claim) -> list[str]:
+    """One line of the scoreboard."""
+    return [chapter, claim.name, claim.reported, claim.number, claim.bound, str(claim.cell)]
+
+
+def table(claims: Claims) -> str:
+    """The scoreboard as aligned text."""
+    rows = [COLUMNS, *(row(chapter, claim) for (chapter, _), claim in claims.items())]
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in rows)
+
+
+def unrepeated(first: Claims, second: Claims) -> Iterator[str]:
+    """Says which numbers differ between two runs, or were claimed in one of them only."""
+    for key in sorted({*first, *second}):
+        if key not in first or key not in second:
+            yield f"{'.'.join(key)}: claimed in one run only"
+        elif not first[key].varies:
+            a, b = first[key].value, second[key].value
+            if not math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-12):
+                yield f"{'.'.join(key)}: {a!r} in one run, {b!r} in the other"
+
+
+if __name__ == "__main__":
+    claims = gather(Path(sys.argv[1]))
+    if len(sys.argv) == 2:
+        print(table(claims))
+    elif differences := list(unrepeated(claims, recorded(Path(sys.argv[2])))):
+        sys.exit("Claims that did not repeat from one run to the next:\n" + "\n".join(differences))
+    else:
+        print(f"{len(claims)} claims, the same in two runs from fresh kernels.")

@@ -31,22 +31,20 @@ def pack(name: str, part: object) -> bytes:
         ValueError: naming the field whose value does not fit its place.
     """
     kind: Any = type(part)
-    rows = list(_give(name, kind, 0, part))
+    values: list = []
     try:
-        return struct.pack("<" + _format(kind), *[value for _, _, value in rows])
-    except (struct.error, OverflowError):
-        for path, layout, value in rows:
-            try:
-                struct.pack("<" + layout, value)
-            except (struct.error, OverflowError) as error:
-                raise ValueError(f"{path}: {value!r} does not fit ({error})") from None
+        _give(kind, 0, part, values)
+        return struct.pack("<" + _format(kind), *values)
+    except (struct.error, OverflowError, TypeError, AttributeError):
+        _explain(name, kind, 0, part)
         raise
 
 
 @cache
 def _table(part: Any) -> tuple:
-    """The rows (name, kind, count) of a part."""
-    return tuple((f.name, *f.metadata["wire"]) for f in fields(part))
+    """The rows (name, kind, count, is it a lone number) of a part."""
+    rows = ((f.name, *f.metadata["wire"]) for f in fields(part))
+    return tuple((name, kind, n, isinstance(kind, str) and not n) for name, kind, n in rows)
 
 
 @cache
@@ -54,7 +52,7 @@ def _format(kind: Any) -> str:
     """The `struct` format of a kind, parts spelled out."""
     if isinstance(kind, str):
         return kind
-    return "".join(_format(row) * (count or 1) for _, row, count in _table(kind))
+    return "".join(_format(row) * (count or 1) for _, row, count, _ in _table(kind))
 
 
 def _take(kind: Any, count: int, values: Iterator) -> Any:
@@ -62,22 +60,45 @@ def _take(kind: Any, count: int, values: Iterator) -> Any:
     if isinstance(kind, str):
         return tuple(islice(values, count)) if count else next(values)
     rows = _table(kind)
-    parts = [kind(*[_take(row, n, values) for _, row, n in rows]) for _ in range(count or 1)]
+    parts = [
+        kind(*[next(values) if lone else _take(row, n, values) for _, row, n, lone in rows])
+        for _ in range(count or 1)
+    ]
     return tuple(parts) if count else parts[0]
 
 
-def _give(name: str, kind: Any, count: int, value: Any) -> Iterator:
-    """The flat sequence (name, format, value) that `struct` takes, sizes and parts checked."""
+def _give(kind: Any, count: int, value: Any, values: list) -> None:
+    """Adds a value to the flat sequence that `struct` takes."""
+    if count and len(value) != count:
+        raise struct.error  # for `_explain` to name
+    if isinstance(kind, str):
+        if kind[-1] == "s" and len(value) != int(kind[:-1]):
+            raise struct.error  # struct itself would cut it short, or fill it up, in silence
+        values += value if count else (value,)
+        return
+    for part in value if count else (value,):
+        for name, row, n, lone in _table(kind):
+            if lone and row[-1] != "s":
+                values.append(getattr(part, name))
+            else:
+                _give(row, n, getattr(part, name), values)
+
+
+def _explain(name: str, kind: Any, count: int, value: Any) -> None:
+    """Raises ValueError for the first value that does not fit, with its name."""
     if count and not (isinstance(value, tuple | list) and len(value) == count):
         raise ValueError(f"{name}: expected {count} values, got {value!r}")
     for item in value if count else (value,):
         if not isinstance(kind, str):
             if not isinstance(item, kind):
                 raise ValueError(f"{name}: expected {kind.__name__}, got {item!r}")
-            for field_name, row, n in _table(kind):
-                yield from _give(f"{name}.{field_name}", row, n, getattr(item, field_name))
-        elif kind[-1] == "s" and not (isinstance(item, bytes) and len(item) == int(kind[:-1])):
-            # struct would cut it short, or fill it up, in silence
-            raise ValueError(f"{name}: expected {kind[:-1]} bytes, got {item!r}")
+            for field_name, row, n, _ in _table(kind):
+                _explain(f"{name}.{field_name}", row, n, getattr(item, field_name))
+        elif kind[-1] == "s":
+            if not (isinstance(item, bytes) and len(item) == int(kind[:-1])):
+                raise ValueError(f"{name}: expected {kind[:-1]} bytes, got {item!r}")
         else:
-            yield name, kind, item
+            try:
+                struct.pack("<" + kind, item)
+            except (struct.error, OverflowError) as error:
+                raise ValueError(f"{name}: {item!r} does not fit ({error})") from None

@@ -38,7 +38,7 @@ class Robot:
     Attributes:
         address: what it was connected to.
         simulator: the simulated robot, where it lives in this program, else None.
-        pilot: the rules; its `events` tell of all that went another way than asked.
+        pilot: the rules, and what it counted: `news`, `refused`.
         sent: how many commands went out.
     """
 
@@ -63,6 +63,11 @@ class Robot:
     def state(self) -> HighState:
         """The last state; RobotTimeout if it is stale."""
         return self.pilot.state(self._pace.now())
+
+    @property
+    def events(self) -> list[tuple[float, str]]:
+        """The latest (time, text) of all that went another way than asked."""
+        return list(self.pilot.events)
 
     @property
     def age(self) -> float:

@@ -27,7 +27,7 @@ def so2_log(R: Tensor) -> Tensor:
 def so2_compose(R_ab: Tensor, R_bc: Tensor) -> Tensor:
     """``R_ac = R_ab R_bc``, all ``(..., 2)``."""
     check("R_ab: n, R_bc: n", R_ab, R_bc, n=2)
-    return so2_act(R_ab, R_bc)
+    return _rotate(R_ab, R_bc)
 
 
 def so2_inverse(R: Tensor) -> Tensor:
@@ -37,10 +37,9 @@ def so2_inverse(R: Tensor) -> Tensor:
 
 
 def so2_act(R: Tensor, p: Tensor) -> Tensor:
-    """The points ``p (..., 2)`` rotated by ``R (..., 2)``: a product of complex numbers."""
+    """The points ``p (..., 2)`` rotated by ``R (..., 2)``."""
     check("R: n, p: n", R, p, n=2)
-    (c, s), (x, y) = R.unbind(-1), p.unbind(-1)
-    return torch.stack([c * x - s * y, s * x + c * y], -1)
+    return _rotate(R, p)
 
 
 def so2_matrix(R: Tensor) -> Tensor:
@@ -63,7 +62,7 @@ def se2_exp(xi: Tensor) -> Tensor:
     """
     check("xi: n", xi, n=3)
     rho, phi = xi[..., :2], xi[..., 2:]
-    chord = 2 * sinc_half(phi**2) * so2_act(so2_exp(phi / 2), rho)
+    chord = 2 * sinc_half(phi**2) * _rotate(so2_exp(phi / 2), rho)
     return torch.cat([chord, so2_exp(phi)], -1)
 
 
@@ -71,28 +70,29 @@ def se2_log(T: Tensor) -> Tensor:
     """The twist ``[rho, phi] (..., 3)`` with ``se2_exp`` of it equal to ``T (..., 4)``."""
     check("T: n", T, n=4)
     phi = so2_log(T[..., 2:])
-    rho = so2_act(so2_exp(-phi / 2), T[..., :2]) / (2 * sinc_half(phi**2))
+    rho = _rotate(so2_exp(-phi / 2), T[..., :2]) / (2 * sinc_half(phi**2))
     return torch.cat([rho, phi], -1)
 
 
 def se2_compose(T_ab: Tensor, T_bc: Tensor) -> Tensor:
     """``T_ac = T_ab T_bc``, all ``(..., 4)``."""
     check("T_ab: n, T_bc: n", T_ab, T_bc, n=4)
-    rotation = so2_compose(T_ab[..., 2:], T_bc[..., 2:])
-    return torch.cat([se2_act(T_ab, T_bc[..., :2]), rotation], -1)
+    R = T_ab[..., 2:]
+    t = _rotate(R, T_bc[..., :2]) + T_ab[..., :2]
+    return torch.cat([t, _rotate(R, T_bc[..., 2:])], -1)
 
 
 def se2_inverse(T: Tensor) -> Tensor:
     """The pose ``T_ba (..., 4)`` of ``T_ab (..., 4)``."""
     check("T: n", T, n=4)
     back = so2_inverse(T[..., 2:])
-    return torch.cat([-so2_act(back, T[..., :2]), back], -1)
+    return torch.cat([-_rotate(back, T[..., :2]), back], -1)
 
 
 def se2_act(T_ab: Tensor, p_b: Tensor) -> Tensor:
     """The points ``p_a (..., 2)`` of ``p_b (..., 2)``: rotated, then moved."""
     check("T_ab: m, p_b: n", T_ab, p_b, m=4, n=2)
-    return so2_act(T_ab[..., 2:], p_b) + T_ab[..., :2]
+    return _rotate(T_ab[..., 2:], p_b) + T_ab[..., :2]
 
 
 def se2_matrix(T: Tensor) -> Tensor:
@@ -108,6 +108,12 @@ def se2_adjoint(T: Tensor) -> Tensor:
     moved = se2_matrix(T)
     column = torch.cat([-_quarter_turn(T[..., :2]), torch.ones_like(T[..., :1])], -1)
     return torch.cat([moved[..., :2], column[..., None]], -1)
+
+
+def _rotate(R: Tensor, p: Tensor) -> Tensor:
+    """The product of complex numbers, which composes rotations as well as it turns points."""
+    (c, s), (x, y) = R.unbind(-1), p.unbind(-1)
+    return torch.stack([c * x - s * y, s * x + c * y], -1)
 
 
 def _quarter_turn(v: Tensor) -> Tensor:

@@ -16,11 +16,6 @@ from ..shapes import bvv, check
 from .taylor import angle_over_sine, cos_half, cot_defect, safe_norm, sinc_half, sine_defect
 
 
-def cross(u: Tensor, v: Tensor) -> Tensor:
-    """The cross product of ``(..., 3)`` and ``(..., 3)``, whose batches broadcast."""
-    return torch.linalg.cross(*torch.broadcast_tensors(u, v))
-
-
 def so3_exp(phi: Tensor) -> Tensor:
     """The quaternion ``(..., 4)`` with ``so3_matrix(so3_exp(phi)) = expm(hat(phi))``.
 
@@ -46,30 +41,26 @@ def so3_log(q: Tensor) -> Tensor:
 def so3_compose(q_ab: Tensor, q_bc: Tensor) -> Tensor:
     """``q_ac``, the quaternion product ``q_ab q_bc``, all ``(..., 4)``."""
     check("q_ab: n, q_bc: n", q_ab, q_bc, n=4)
-    a, u = q_ab[..., 3:], q_ab[..., :3]
-    b, v = q_bc[..., 3:], q_bc[..., :3]
-    return torch.cat([a * v + b * u + cross(u, v), a * b - bvv(u, v)[..., None]], -1)
+    return _product(q_ab, q_bc)
 
 
 def so3_inverse(q: Tensor) -> Tensor:
     """The rotation that undoes the unit quaternion ``q (..., 4)``: its conjugate."""
     check("q: n", q, n=4)
-    return torch.cat([-q[..., :3], q[..., 3:]], -1)
+    return _conjugate(q)
 
 
 def so3_act(q: Tensor, p: Tensor) -> Tensor:
     """The points ``p (..., 3)`` rotated by the unit quaternion ``q (..., 4)``."""
     check("q: m, p: n", q, p, m=4, n=3)
-    v, w = q[..., :3], q[..., 3:]
-    twice = 2 * cross(v, p)
-    return p + w * twice + cross(v, twice)
+    return _rotate(q, p)
 
 
 def so3_matrix(q: Tensor) -> Tensor:
     """The rotation matrix ``(..., 3, 3)`` of the unit quaternion ``q (..., 4)``."""
     check("q: n", q, n=4)
     axes = torch.eye(3, dtype=q.dtype, device=q.device)
-    return so3_act(q[..., None, :], axes).mT
+    return _rotate(q[..., None, :], axes).mT
 
 
 def so3_adjoint(q: Tensor) -> Tensor:
@@ -97,10 +88,11 @@ def se3_exp(xi: Tensor) -> Tensor:
     check("xi: n", xi, n=6)
     rho, phi = xi[..., :3], xi[..., 3:]
     x = bvv(phi, phi)[..., None]
-    b, c = 2 * sinc_half(x) ** 2, sine_defect(x)  # (2)
-    turned = cross(phi, rho)
-    t = rho + b * turned + c * cross(phi, turned)  # (1)
-    return torch.cat([t, so3_exp(phi)], -1)
+    half = sinc_half(x)
+    b, c = 2 * half**2, sine_defect(x)  # (2)
+    turned = _cross(phi, rho)
+    t = rho + b * turned + c * _cross(phi, turned)  # (1)
+    return torch.cat([t, half * phi, cos_half(x)], -1)
 
 
 def se3_log(T: Tensor) -> Tensor:
@@ -114,29 +106,30 @@ def se3_log(T: Tensor) -> Tensor:
     check("T: n", T, n=7)
     t, phi = T[..., :3], so3_log(T[..., 3:])
     d = cot_defect(bvv(phi, phi)[..., None])  # (2)
-    turned = cross(phi, t)
-    rho = t - turned / 2 + d * cross(phi, turned)  # (1)
+    turned = _cross(phi, t)
+    rho = t - turned / 2 + d * _cross(phi, turned)  # (1)
     return torch.cat([rho, phi], -1)
 
 
 def se3_compose(T_ab: Tensor, T_bc: Tensor) -> Tensor:
     """``T_ac = T_ab T_bc``, all ``(..., 7)``."""
     check("T_ab: n, T_bc: n", T_ab, T_bc, n=7)
-    rotation = so3_compose(T_ab[..., 3:], T_bc[..., 3:])
-    return torch.cat([se3_act(T_ab, T_bc[..., :3]), rotation], -1)
+    q = T_ab[..., 3:]
+    t = _rotate(q, T_bc[..., :3]) + T_ab[..., :3]
+    return torch.cat([t, _product(q, T_bc[..., 3:])], -1)
 
 
 def se3_inverse(T: Tensor) -> Tensor:
     """The pose ``T_ba (..., 7)`` of ``T_ab (..., 7)``."""
     check("T: n", T, n=7)
-    back = so3_inverse(T[..., 3:])
-    return torch.cat([-so3_act(back, T[..., :3]), back], -1)
+    back = _conjugate(T[..., 3:])
+    return torch.cat([-_rotate(back, T[..., :3]), back], -1)
 
 
 def se3_act(T_ab: Tensor, p_b: Tensor) -> Tensor:
     """The points ``p_a (..., 3)`` of ``p_b (..., 3)``: rotated, then moved."""
     check("T_ab: m, p_b: n", T_ab, p_b, m=7, n=3)
-    return so3_act(T_ab[..., 3:], p_b) + T_ab[..., :3]
+    return _rotate(T_ab[..., 3:], p_b) + T_ab[..., :3]
 
 
 def se3_matrix(T: Tensor) -> Tensor:
@@ -150,12 +143,36 @@ def se3_adjoint(T: Tensor) -> Tensor:
     """The ``Ad (..., 6, 6)`` with ``T se3_exp(xi) T^-1 = se3_exp(Ad xi)`` for ``T (..., 7)``."""
     check("T: n", T, n=7)
     R = so3_matrix(T[..., 3:])
-    top = torch.cat([R, cross(T[..., None, :3], R.mT).mT], -1)  # t x each column of R
+    top = torch.cat([R, _cross(T[..., None, :3], R.mT).mT], -1)  # t x each column of R
     return torch.cat([top, torch.cat([torch.zeros_like(R), R], -1)], -2)
 
 
 def se3_bracket(a: Tensor, b: Tensor) -> Tensor:
     """The Lie bracket ``[a, b] (..., 6)``: the rate of ``Ad b`` when a pose moves by ``a``."""
     check("a: n, b: n", a, b, n=6)
-    rho = cross(a[..., 3:], b[..., :3]) + cross(a[..., :3], b[..., 3:])
-    return torch.cat([rho, cross(a[..., 3:], b[..., 3:])], -1)
+    rho = _cross(a[..., 3:], b[..., :3]) + _cross(a[..., :3], b[..., 3:])
+    return torch.cat([rho, _cross(a[..., 3:], b[..., 3:])], -1)
+
+
+def _product(q: Tensor, r: Tensor) -> Tensor:
+    """The quaternion product."""
+    a, u = q[..., 3:], q[..., :3]
+    b, v = r[..., 3:], r[..., :3]
+    return torch.cat([a * v + b * u + _cross(u, v), a * b - bvv(u, v)[..., None]], -1)
+
+
+def _conjugate(q: Tensor) -> Tensor:
+    """The inverse of a unit quaternion."""
+    return torch.cat([-q[..., :3], q[..., 3:]], -1)
+
+
+def _rotate(q: Tensor, p: Tensor) -> Tensor:
+    """The vector part of q p q*, for a unit quaternion."""
+    v, w = q[..., :3], q[..., 3:]
+    twice = 2 * _cross(v, p)
+    return p + w * twice + _cross(v, twice)
+
+
+def _cross(u: Tensor, v: Tensor) -> Tensor:
+    """The cross product of ``(..., 3)`` and ``(..., 3)``, whose batches broadcast."""
+    return torch.linalg.cross(*torch.broadcast_tensors(u, v))

@@ -1,5 +1,7 @@
-"""The same classes under PyPose's names, so that ``pp.module.LTI`` reads as it does there."""
+"""The same classes under PyPose's names, so that ``pp.module.MPC`` reads as it does there."""
 
+from .lqr import LQR
+from .mpc import MPC
 from .systems import LTI, LTV, NLS, System
 
-__all__ = ["LTI", "LTV", "NLS", "System"]
+__all__ = ["LQR", "LTI", "LTV", "MPC", "NLS", "System"]

@@ -31,9 +31,8 @@ def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
     for (name, letters), x in zip(_parse(spec), tensors, strict=True):
         if x is None:
             continue
-        if not isinstance(x, Tensor) or not x.is_floating_point():
-            kind = x.dtype if isinstance(x, Tensor) else type(x).__name__
-            raise ValueError(f"{name}: expected a floating-point tensor, got {kind}")
+        if not isinstance(x, Tensor):
+            raise ValueError(f"{name}: expected a floating-point tensor, got {type(x).__name__}")
         shape, k = tuple(x.shape), len(letters)
         core = shape[len(shape) - k :]
         fits = len(shape) >= k and all(known.get(c, s) == s for c, s in zip(letters, core))
@@ -44,27 +43,67 @@ def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
         if not fits:
             raise ValueError(_mismatch(name, letters, shape, known, origin))
         first = first or (name, x)
-        if (x.dtype, x.device) != (first[1].dtype, first[1].device):
-            raise ValueError(
-                f"{name}: expected {first[1].dtype} on {first[1].device} like {first[0]}, "
-                f"got {x.dtype} on {x.device}"
-            )
+        alike(name, x, first[1], first[0])
         try:
             batch = torch.broadcast_shapes(batch, shape[: len(shape) - k])
         except RuntimeError:
             raise ValueError(
                 f"{name}: its batch {shape[: len(shape) - k]} does not broadcast with {batch}"
             ) from None
-        finite(name, x)
     return known
 
 
-def finite(name: str, x: Tensor) -> None:
-    """Raises ValueError where ``x`` holds NaN or infinity; inside vmap nothing can be asked."""
+def over_time(name: str, value: Tensor, sizes: tuple[int, ...], T: int, batch: tuple) -> Tensor:
+    """Returns ``value`` with time first, ``(T, ..., *sizes)``, however a user left it out.
+
+    A ``Q`` of T steps for a batch may come as ``sizes``, ``(T, *sizes)``, ``(*batch, *sizes)`` or
+    ``(*batch, T, *sizes)``.
+
+    Raises:
+        ValueError: for a shape that is none of these, or more than one of them.
+    """
+    lead = tuple(value.shape[: value.ndim - len(sizes)])
+    if value.ndim < len(sizes) or tuple(value.shape[len(lead) :]) != sizes:
+        lead, in_time, in_batch = (), False, False
+    elif all(s == 1 for s in lead) and len(lead) <= 1:
+        return value.reshape(1, *sizes).expand(T, *sizes)
+    else:
+        in_time = lead[-1] in (1, T) and _broadcast(lead[:-1], batch)
+        in_batch = len(lead) <= len(batch) and _broadcast(lead, batch)
+    core = ", ".join(map(str, sizes))
+    if in_time and in_batch:
+        raise ValueError(
+            f"{name}: {tuple(value.shape)} may be T={T} steps or a batch {tuple(batch)}; "
+            f"give (1, {T}, {core}) or (*batch, 1, {core})"
+        )
+    if in_batch:
+        value, lead = value.unsqueeze(-len(sizes) - 1), (*lead, 1)
+    elif not in_time:
+        raise ValueError(f"{name}: expected (..., T={T}, {core}), got {tuple(value.shape)}")
+    return value.movedim(len(lead) - 1, 0).expand(T, *lead[:-1], *sizes)
+
+
+def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=False) -> None:
+    """Raises ValueError where x is not floating, on another device, not finite, or unlike other.
+
+    NaN never passes; infinity does where ``infinite`` allows it. Inside vmap, and while torch
+    compiles, numbers cannot be asked for, and only the kinds are compared.
+    """
+    if x is None:
+        return
+    if not isinstance(x, Tensor) or not x.is_floating_point():
+        kind = x.dtype if isinstance(x, Tensor) else type(x).__name__
+        raise ValueError(f"{name}: expected a floating-point tensor, got {kind}")
+    if (x.dtype, x.device) != (other.dtype, other.device):
+        raise ValueError(
+            f"{name}: expected {other.dtype} on {other.device} like {whose}, "
+            f"got {x.dtype} on {x.device}"
+        )
     if torch.compiler.is_compiling() or torch._C._functorch.is_batchedtensor(x):
         return
-    if not torch.isfinite(x).all():
-        where = tuple((~torch.isfinite(x)).nonzero()[0].tolist())
+    bad = torch.isnan(x) if infinite else ~torch.isfinite(x)
+    if bad.any():
+        where = tuple(bad.nonzero()[0].tolist())
         raise ValueError(f"{name}: expected finite numbers, got {x[where].item()} at {where}")
 
 
@@ -87,6 +126,10 @@ def _parse(spec: str) -> list[tuple[str, list[str]]]:
     """``"A: n n, b: n" -> [("A", ["n", "n"]), ("b", ["n"])]``."""
     pairs = (re.fullmatch(r"\s*(\w+):\s*([\w\s]*)", part) for part in spec.split(","))
     return [(pair[1], pair[2].split()) for pair in pairs if pair]
+
+
+def _broadcast(lead: tuple, batch: tuple) -> bool:
+    return all(a == b or 1 in (a, b) for a, b in zip(lead[::-1], batch[::-1]))
 
 
 def _mismatch(name: str, letters: list[str], shape: tuple, known: dict, origin: dict) -> str:

@@ -10,7 +10,7 @@ its clock; nothing else does. Chapter 1 builds this file from scratch.
 import functools
 import inspect
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -110,6 +110,18 @@ class System(nn.Module):
         """Returns ``g(x, u, t)`` and its Jacobians ``C (..., p, n)``, ``D (..., p, m)``."""
         return _jacobians(self._batched(self.observation, t), *_expand(x, u), wrt)
 
+    def curve_transition(self, x, u, costate: Tensor, t=None) -> Tensor:
+        """Returns the second derivative of ``costate' f(x, u, t)`` in ``[x, u]``.
+
+        ``(..., n+m, n+m)``: what makes a Newton step of a Gauss-Newton step.
+        """
+        function = self._batched(self.state_transition, t)
+
+        def slope(x, u):
+            return torch.cat(torch.func.vjp(function, x, u)[1](costate), dim=-1)
+
+        return torch.cat(_jacobians(slope, *_expand(x, u), "xu")[1:], dim=-1)
+
     @property
     def systime(self) -> Tensor:
         """The current time: how many steps were taken since the start, a 0-dim int64 tensor."""
@@ -119,7 +131,7 @@ class System(nn.Module):
     def systime(self, t: Tensor | int) -> None:
         self.reset(t)
 
-    def reset(self, t: Tensor | int = 0) -> "System":
+    def reset(self, t: Tensor | int = 0) -> Self:
         """Sets the clock to step ``t``, a whole number, and returns the system."""
         value = float(t)
         if value != round(value):
@@ -144,7 +156,7 @@ class System(nn.Module):
         vmap maps a function of one sample over the batch. What vmap cannot map (a branch on a
         state, ``torch.tensor([[t]])``) is looped over, so that the user's own errors arrive.
         """
-        t = self._buffers["_t"] if t is None else torch.as_tensor(t)
+        t = self._t if t is None else torch.as_tensor(t)
         args = 2 if _takes_time(function.__func__) else 1  # type: ignore[attr-defined]
 
         def one(x, u, t):
@@ -152,15 +164,16 @@ class System(nn.Module):
 
         def many(x, u):
             x, u = _expand(x, u)
-            if self.vectorized and x.ndim > 1:
+            if self.vectorized:
                 return self._at(t, function, *(x, u, t)[: args + 1])
             if x.ndim == 1:
                 return one(x, u, t)
             rows = [z.reshape(-1, z.shape[-1]) for z in (x, u)]
-            steps = t if t.ndim == 0 else t.expand(x.shape[:-1]).reshape(-1)
+            steps = t.expand(x.shape[:-1]).reshape(-1) if t.ndim else t
+            dims = (0, 0, 0 if t.ndim else None)
+            mapped: Callable[..., Tensor] = torch.vmap(one, dims, randomness="different")
             try:
-                dims = (0, 0, 0 if t.ndim else None)
-                y = torch.vmap(one, in_dims=dims, randomness="different")(*rows, steps)
+                y = mapped(*rows, steps)
             except RuntimeError:
                 y = torch.stack([one(*row) for row in zip(*rows, steps.expand(len(rows[0])))])
             return y.reshape(*x.shape[:-1], -1)
@@ -184,7 +197,7 @@ class NLS(System):
         super().__init__()
         self._reference: tuple[Tensor, ...] = ()
 
-    def set_refpoint(self, state=None, input=None, t=None) -> "NLS":
+    def set_refpoint(self, state=None, input=None, t=None) -> Self:
         """Sets where ``A B C D c1 c2`` are taken; what is None is that of the latest step."""
         if (state is None or input is None) and not self._last:
             raise RuntimeError("set_refpoint: no step was taken yet, so give state and input")
@@ -255,7 +268,7 @@ class LTI(System):
         check("A: n n, B: n m, state: n, input: m", self.A, self.B, state, input)
         return super().forward(state, input)
 
-    def set_refpoint(self, state=None, input=None, t=None) -> "LTI":
+    def set_refpoint(self, state=None, input=None, t=None) -> Self:
         """Returns the system: a linear one is the same at every point."""
         return self
 
@@ -266,6 +279,11 @@ class LTI(System):
     def observation(self, state, input, t=None):
         """Returns ``C x + D u + c2``."""
         return _affine(self.C, state, self.D, input, self.c2)
+
+    def curve_transition(self, x, u, costate, t=None):
+        """Returns zeros: a linear system has no curvature."""
+        size = x.shape[-1] + u.shape[-1]
+        return torch.zeros_like(costate[..., :1, None]).expand(*costate.shape[:-1], size, size)
 
     def linearize_transition(self, x, u, t=None, wrt="xu"):
         """Returns ``f``, ``A`` and ``B``, expanded to the batch."""
@@ -307,7 +325,7 @@ class LTV(LTI):
     c1 = property(lambda self: self._now(self._c1, 2), doc="Constant of the transition now.")
     c2 = property(lambda self: self._now(self._c2, 2), doc="Constant of the observation now.")
 
-    def set_refpoint(self, state=None, input=None, t=None) -> "LTV":
+    def set_refpoint(self, state=None, input=None, t=None) -> Self:
         """Sets the clock to ``t``, where it is given, and returns the system."""
         return self if t is None else self.reset(t)
 
@@ -316,7 +334,8 @@ class LTV(LTI):
         if t.ndim == 0:
             return super()._at_time(function, matrices, x, u, t, wrt)
         x, u = _expand(x, u)
-        steps = [super(LTV, self)._at_time(function, matrices, *s, wrt) for s in zip(x, u, t)]
+        rows = zip(x, u, t.reshape(len(x)), strict=True)  # one time step for each leading row
+        steps = [super(LTV, self)._at_time(function, matrices, *row, wrt) for row in rows]
         return tuple(torch.stack(part) for part in zip(*steps))
 
 
@@ -344,9 +363,9 @@ def _jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tens
     Reverse mode: a row of every member's Jacobian is one pull-back of a unit vector.
     """
     if wrt == "xu":
-        y, pull = torch.func.vjp(function, x, u)
+        y, pull = torch.func.vjp(function, x, u)[:2]
     else:
-        y, pull = torch.func.vjp(lambda x: function(x, u), x)
+        y, pull = torch.func.vjp(lambda x: function(x, u), x)[:2]
     p = y.shape[-1]
     rows = torch.eye(p, dtype=y.dtype, device=y.device)
     rows = rows.reshape(p, *[1] * (y.ndim - 1), p).expand(p, *y.shape)

@@ -1,0 +1,224 @@
+"""Iterative LQR: linearise around a plan, solve that LQR, walk as far as it helps, repeat.
+
+Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `implicit.py`
+differentiates what comes out.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .problem import Problem, rollout
+from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
+from .shapes import bmv
+
+STEPS = 0.5 ** torch.arange(1, 11)  # lengths tried where the full step does not help
+
+
+class Solution(NamedTuple):
+    """A plan ``X (T+1, ..., n)``, ``U (T, ..., m)``, and how it was found."""
+
+    X: Tensor
+    U: Tensor
+    cost: Tensor  # (...)
+    converged: Tensor  # (...), bool
+    iterations: Tensor  # (...), how many sweeps
+    history: Tensor  # (sweeps + 1, ...), the cost at the start and after each
+
+
+def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, step: Tensor | float = 1.0):
+    """Returns states and inputs of ``u = U + step k + K (x - X)``, kept within the box.
+
+    A tensor ``step (S, 1, .., 1)`` tries S lengths at once; it adds a dimension after time.
+    """
+    box = problem.box(U)
+    x, xs, us = x_init, [x_init], []
+    for i, t in enumerate(problem.t):
+        change = bmv(K[i, ..., :-1], x - X[i]) + step * K[i, ..., -1]
+        change = change if box is None else torch.clamp(change, box[0][i], box[1][i])
+        us.append(problem.clip(U[i] + change, i))  # U + (upper - U) misses upper by a rounding
+        x = problem.system.transition(x, us[-1], t)
+        xs.append(x)
+    return torch.stack(torch.broadcast_tensors(*xs)), torch.stack(us)
+
+
+def model(problem: Problem, X: Tensor, U: Tensor):
+    """Returns ``f, A, B`` and the slope ``q`` and curvature ``Q`` of the cost around a plan."""
+    f, A, B = problem.system.linearize_transition(X[:-1], U, _steps(problem, X))
+    q = problem.slope(X, U)
+    return f, A, B, q, problem.Q.expand(*q.shape, q.shape[-1])
+
+
+def curvature(problem: Problem, X: Tensor, U: Tensor, A: Tensor, q: Tensor) -> Tensor:
+    """Returns what the dynamics add to the curvature of the total cost, ``(T, ..., m+n, m+n)``.
+
+    With the costates l this makes Newton's model of Gauss-Newton's:
+
+        l_t = dc_t/dx + A_t' l_t+1                                    (1)
+        sum_i l_t+1,i  d2 f_i / d[u, x]2                              (2)
+    """
+    m = U.shape[-1]
+    curve = problem.system.curve_transition(X[:-1], U, costates(A, q), _steps(problem, X))  # (2)
+    return curve.roll((m, m), (-2, -1))  # from [x, u] to [u, x]
+
+
+def costates(A: Tensor, q: Tensor) -> Tensor:
+    """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
+    n = A.shape[-1]
+    costate = [torch.zeros_like(q[-1, ..., -n:])]
+    for t in range(len(A) - 1, 0, -1):
+        costate.append(q[t, ..., -n:] + bmv(A[t].mT, costate[-1]))  # (1)
+    return torch.stack(costate[::-1])
+
+
+def _steps(problem: Problem, X: Tensor) -> Tensor:
+    """Returns the time steps with a dimension for each of the batch."""
+    return problem.t.reshape(-1, *[1] * (X.ndim - 2))
+
+
+def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor):
+    """Returns gains ``(T, ..., m, n+1)``, the change of cost that they promise, what failed.
+
+    Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
+    Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
+    """
+    _, A, B, q, Q = model(problem, X, U)
+    on_u = (torch.arange(q.shape[-1], device=q.device) < U.shape[-1]).to(q.dtype)
+    Q, G = Q + torch.diag_embed(damping[..., None] * on_u), homogeneous_dynamics(A, B)
+    if exact.any():
+        curve = torch.where(exact[..., None, None], curvature(problem, X, U, A, q), 0)
+        K, V, failed = riccati(homogeneous_cost(Q + curve, q), G, problem.box(U))
+        if not failed.any():
+            return K, V[..., -1, -1] / 2, failed.amax(0) > 0
+        Q = Q + torch.where(failed.amax(0)[..., None, None] > 0, 0, curve)
+    K, V, failed = riccati(homogeneous_cost(Q, q), G, problem.box(U))
+    return K, V[..., -1, -1] / 2, failed.amax(0) > 0
+
+
+def search(problem: Problem, X: Tensor, U: Tensor, cost: Tensor, K: Tensor, promised: Tensor):
+    """Returns the trajectory after one step along the gains, its cost, and whether it helped.
+
+    The full step is taken where it keeps a small part of its promise; else the best of several
+    shorter ones, all tried at once.
+    """
+    rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
+    X1, U1 = follow(problem, X[0], X, U, K)
+    cost1 = problem.cost(X1, U1).nan_to_num(torch.inf)
+    good = cost1 <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
+    if good.all():
+        return X1, U1, cost1, good
+    steps = STEPS.to(U).reshape(-1, *[1] * (U.ndim - 1))
+    Xs, Us = follow(problem, X[0], X, U, K, steps)
+    costs = torch.stack([problem.cost(Xs[:, i], Us[:, i]) for i in range(len(steps))])
+    costs, best = costs.nan_to_num(torch.inf).min(0)
+    pick = best.expand(1, 1, *best.shape)[..., None]
+    Xs, Us = (Z.take_along_dim(pick, 1)[:, 0] for Z in (Xs, Us))
+    helped = good | (costs < cost)
+    new_X = torch.where(good[..., None], X1, torch.where(helped[..., None], Xs, X))
+    new_U = torch.where(good[..., None], U1, torch.where(helped[..., None], Us, U))
+    return new_X, new_U, torch.where(good, cost1, torch.where(helped, costs, cost)), helped
+
+
+class Iterate(NamedTuple):
+    """Where the iteration stands; X and U have time first, the others are ``(...)``."""
+
+    X: Tensor
+    U: Tensor
+    cost: Tensor
+    promised: Tensor  # what the latest sweep hoped to gain, >= 0
+    damping: Tensor
+    exact: Tensor  # whether the next sweep may use the exact curvature
+    converged: Tensor
+    iterations: Tensor
+
+    def members(self, rows: Tensor) -> "Iterate":
+        """Returns some members of a batch ``(B,)``."""
+        return Iterate(self.X[:, rows], self.U[:, rows], *(z[rows] for z in self[2:]))
+
+    def replaced(self, rows: Tensor, new: "Iterate") -> "Iterate":
+        """Returns this batch with some members replaced."""
+        dims = (1, 1, 0, 0, 0, 0, 0, 0)
+        return Iterate(*(z.index_copy(d, rows, w) for d, z, w in zip(dims, self, new)))
+
+    def unless(self, done: Tensor, new: "Iterate") -> "Iterate":
+        """Returns the new members, where the old ones are not done."""
+        masks = (done[..., None], done[..., None], *[done] * 6)
+        return Iterate(*(torch.where(d, z, w) for d, z, w in zip(masks, self, new)))
+
+
+def improve(problem: Problem, at: Iterate) -> Iterate:
+    """Returns the next iterate: one sweep, one search, and what follows from how they went.
+
+    The share of its promise that a sweep kept says how far to trust the next one: damping grows
+    tenfold below a quarter and shrinks above three. Newton's curvature is tried where
+    Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
+    """
+    eps, m = torch.finfo(at.cost.dtype).eps, at.U.shape[-1]
+    K, gain, failed = sweep(problem, at.X, at.U, at.damping, at.exact)
+    K = torch.where(failed[..., None, None], 0, K)
+    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain)
+    helped = helped & ~failed
+    kept = torch.where(helped, (at.cost - cost) / (-gain).clamp(min=eps**2), 0)
+    size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
+    at_rest = (size <= eps**0.5) | (~helped & (-gain <= 8 * eps * at.cost.abs()))
+    unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
+    raised = torch.maximum(10 * at.damping, 1e-3 * unit)
+    lowered = torch.where(at.damping > 1e-6 * unit, at.damping / 10, 0)
+    steady = torch.where(kept > 0.75, lowered, at.damping)
+    return Iterate(
+        X,
+        U,
+        cost,
+        promised=-gain,
+        damping=torch.where((kept < 0.25) & (size > eps**0.5), raised, steady),
+        exact=(kept < 0.8) | (size < 0.3),
+        converged=at_rest & ~failed & (at.damping <= unit),
+        iterations=at.iterations + 1,
+    )
+
+
+@torch.no_grad()
+def optimize(problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=None) -> Solution:
+    """Returns the plan that sweeps from U lead to; its cost never rises on the way.
+
+    Members of a batch ``(B,)`` that have converged take part no more.
+
+    Args:
+        problem: its tensors have the batch of x_init and U.
+        x_init: ``(..., n)``.
+        U: inputs to start from, ``(T, ..., m)``.
+        sweeps: how many at most.
+        stepper: may stop earlier; it is told how much cost the latest sweep hoped to gain.
+
+    Raises:
+        ValueError: where the rollout of U is not finite.
+    """
+    U = problem.clip(U)
+    X = rollout(problem, x_init, U)
+    U = U.expand(len(U), *X.shape[1:-1], -1)
+    cost = problem.cost(X, U)
+    _refuse_divergence(X, cost)
+    no = torch.zeros_like(cost, dtype=torch.bool)
+    at = Iterate(X, U, cost, 0 * cost, 0 * cost, no, no, torch.zeros_like(cost, dtype=torch.int64))
+    alone = cost.ndim == 1 and problem.system.transition(X[0, 0], U[0, 0]).ndim == 1
+    history = [cost]
+    for _ in range(sweeps):
+        if alone and at.converged.any():
+            rows = (~at.converged).nonzero()[:, 0]
+            at = at.replaced(rows, improve(problem.members(rows), at.members(rows)))
+        else:
+            at = at.unless(at.converged, improve(problem, at))
+        history.append(at.cost)
+        if stepper is not None:
+            stepper.step(torch.where(at.converged, 0, at.promised))
+        if at.converged.all() or (stepper is not None and not stepper.continual()):
+            break
+    return Solution(at.X, at.U, at.cost, at.converged, at.iterations, torch.stack(history))
+
+
+def _refuse_divergence(X: Tensor, cost: Tensor) -> None:
+    if not torch.isfinite(cost).all():
+        finite = torch.isfinite(X).all(-1).reshape(len(X), -1).all(-1)
+        step = len(X) if finite.all() else int((~finite).nonzero()[0])
+        raise ValueError(f"u_init: the rollout from x_init diverges; x[{step}] is not finite")

@@ -1,0 +1,189 @@
+"""The running example: a car traces an infinity sign through 17 waypoints.
+
+Two circles of radius 1 m touch at the origin, centred at (1, 0) and (-1, 0). The path goes
+around the first counter-clockwise, then around the second clockwise. States are those of the
+Dubins car, ``[i, j, cos, sin]``.
+
+Source: "PyPose v0.6", figures 2 to 4. The paper does not state its noise; ours is fixed below so
+that the raw observation's mean position error is the paper's 0.2045 m.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .models import DubinsCar
+from .mpc import MPC, shift
+
+LENGTH = 4 * math.pi  # m, of the whole path
+PROCESS_NOISE = 0.005  # standard deviation of every state component, every step
+OBSERVATION_NOISE = 0.163  # standard deviation of every component; its mean length is 0.2045 m
+PRIOR = 0.05  # standard deviation of the first estimate, every component
+TOLERANCE = 0.1  # m, how near a waypoint counts as reached
+
+
+def reference(s: Tensor) -> Tensor:
+    """Returns the state ``(..., 4)`` on the path after ``s (...)`` metres; s wraps around."""
+    s = s % LENGTH
+    first = s < LENGTH / 2
+    side = torch.where(first, 1.0, -1.0).to(s)  # which circle, and which way around
+    angle = torch.where(first, s, s - LENGTH / 2)
+    i, j = side * (1 - angle.cos()), -angle.sin()
+    return torch.stack([i, j, side * angle.sin(), -angle.cos()], dim=-1)
+
+
+def waypoints(dtype: torch.dtype | None = None, device=None) -> Tensor:
+    """Returns the 17 waypoints ``(17, 4)``, 45 degrees apart; start, middle and end coincide."""
+    s = torch.arange(17, dtype=dtype or torch.get_default_dtype(), device=device)
+    return reference(s * math.pi / 4)
+
+
+def tracking_error(x: Tensor) -> Tensor:
+    """Returns how far each state ``(..., 4)`` is from the path, in metres ``(...)``."""
+    right, left = (torch.hypot(x[..., 0] - c, x[..., 1]) - 1 for c in (1, -1))
+    return torch.minimum(right.abs(), left.abs())
+
+
+def controller(car: DubinsCar | None = None, T: int = 10, dtype: torch.dtype | None = None) -> MPC:
+    """Returns the book's MPC: weights 1, 1, 0.3, 0.3 on the state and 0.01, 0.01 on the input."""
+    Q = torch.diag(torch.tensor([1, 1, 0.3, 0.3, 0.01, 0.01], dtype=dtype))
+    return MPC(car or DubinsCar(), Q, None, T)
+
+
+class Run(NamedTuple):
+    """One lap of N steps, for a car or for a batch of cars."""
+
+    x: Tensor  # true states, (..., N+1, 4); a robot's observations, where it is all we have
+    u: Tensor  # inputs, (..., N, 2)
+    y: Tensor  # observations, (..., N, 4); y[i] is of x[i]
+    estimate: Tensor  # what the controller was told, (..., N, 4)
+    P: Tensor | None  # the covariance of the estimate, (..., N, 4, 4)
+    goal: Tensor  # index of the waypoint aimed at, (..., N)
+    running: Tensor  # whether the car was still on its way, (..., N)
+    finished: Tensor  # whether the last waypoint was reached, (...)
+
+    @property
+    def steps(self) -> Tensor:
+        """How many steps each car took, ``(...)``."""
+        return self.running.sum(-1)
+
+
+class SimulatedCar:
+    """The world of a run without a robot: a car that moves and is seen with noise."""
+
+    def __init__(self, car, x, process_noise=0.0, observation_noise=0.0, generator=None):
+        self.car, self.x, self.generator = car, x, generator
+        self.process_noise, self.observation_noise = process_noise, observation_noise
+
+    def look(self) -> Tensor:
+        """Returns an observation of the state now, ``y = x + v``."""
+        return self.x + self._noise(self.observation_noise)
+
+    def move(self, u: Tensor, running: Tensor) -> Tensor:
+        """Moves the cars that are running one step, ``x' = f(x, u) + w``, and returns x'."""
+        moved = self.car(self.x, u)[0] + self._noise(self.process_noise)
+        self.x = torch.where(running[..., None], moved, self.x)
+        return self.x
+
+    def _noise(self, size: float) -> Tensor:
+        if size == 0:
+            return torch.zeros_like(self.x)
+        like = {"dtype": self.x.dtype, "device": self.x.device}
+        return size * torch.randn(self.x.shape, generator=self.generator, **like)
+
+
+class RealRobot:
+    """The world of a run with a robot: it is asked for its pose and sent velocities."""
+
+    def __init__(self, robot, dt: float, like: Tensor):
+        self.robot, self.dt, self.like = robot, dt, like
+
+    def look(self) -> Tensor:
+        """Returns where the robot says it is, as a state ``(4,)``."""
+        i, j, heading = self.robot.pose()
+        return self.like.new_tensor([i, j, math.cos(heading), math.sin(heading)])
+
+    def move(self, u: Tensor, running: Tensor) -> Tensor:
+        """Sends ``[v, phi]``, waits for one time step, and returns where the robot then is."""
+        self.robot.move(*u.tolist())
+        self.robot.wait(self.dt)
+        return self.look()
+
+
+def drive(
+    mpc: Callable,
+    car: DubinsCar | None = None,
+    estimator: Callable | None = None,
+    robot=None,
+    aim: Callable | None = None,
+    x_init: Tensor | None = None,
+    process_noise: float = 0.0,
+    observation_noise: float = 0.0,
+    tolerance: float = TOLERANCE,
+    steps: int = 200,
+    generator: torch.Generator | None = None,
+) -> Run:
+    """Returns one lap through the waypoints, by the paper's loop: look, plan, estimate, move.
+
+        y[i] = g(x[i]) + v                                              (1)
+        u[i] = first input of mpc(dt, X[i], target)                     (2)
+        X[i+1], P = estimator(X[i], y[i], u[i], P, Q, R)                (3)
+        x[i+1] = f(x[i], u[i]) + w                                      (4)
+
+    Without an estimator X[i] is y[i]. A waypoint counts as reached when X[i] is within the
+    tolerance, as on a robot, which knows no more. Each car of a batch has its own waypoint.
+
+    Args:
+        mpc: called as in the paper, ``xt, u, cost = mpc(dt, x, target)``; an :class:`MPC` also
+            gets its last plan, shifted, to start from.
+        car: the car that moves, and whose dt counts; None is the ideal one.
+        estimator: a filter with PyPose's call (3), or None.
+        robot: moves in the car's place; has ``pose() -> (i, j, heading)``, ``move(v, phi)``,
+            ``wait(dt)`` and ``stop()``, as ``go1.Robot`` does.
+        aim: returns the target from ``X[i] (..., 4)`` and the next waypoint's index ``(...)``;
+            None aims at the waypoint itself.
+        x_init: where the cars start, ``(..., 4)``; None is the first waypoint.
+        process_noise: standard deviation of w, every component.
+        observation_noise: standard deviation of v, every component.
+        tolerance: metres.
+        steps: how many at most.
+        generator: for the noise, and for the first estimate, drawn with PRIOR.
+    """
+    car = DubinsCar() if car is None else car
+    x = waypoints()[0] if x_init is None else x_init
+    path, eye = waypoints(x.dtype, x.device), torch.eye(4, dtype=x.dtype, device=x.device)
+    simulated = SimulatedCar(car, x, process_noise, observation_noise, generator)
+    world = simulated if robot is None else RealRobot(robot, car.dt, x)
+    Q, R = process_noise**2 * eye, observation_noise**2 * eye
+    X, P = SimulatedCar(car, x, 0, PRIOR, generator).look(), (PRIOR**2 * eye).expand(*x.shape, 4)
+    goal, warm = torch.ones(x.shape[:-1], dtype=torch.int64, device=x.device), list[Tensor]()
+    start, xs, log = car.systime, [x], list[tuple[Tensor, ...]]()
+    for _ in range(steps):
+        y = world.look()  # (1)
+        X = y if estimator is None else X
+        near = torch.linalg.vector_norm((X - path[goal.clamp(max=16)])[..., :2], dim=-1)
+        goal = goal + ((near <= tolerance) & (goal < 17))
+        running = goal < 17
+        if not running.any():
+            break
+        target = path[goal.clamp(max=16)] if aim is None else aim(X, goal.clamp(max=16))
+        plan = mpc(car.dt, X, target, *warm)[1]
+        warm = [shift(plan)] if isinstance(mpc, MPC) else []
+        u = torch.where(running[..., None], plan[..., 0, :], 0)  # (2)
+        log.append((u, y, X, P, goal, running))
+        if estimator is not None:
+            X, P = estimator(X, y, u, P, Q, R)  # (3)
+        xs.append(world.move(u, running))  # (4)
+    car.reset(start)
+    if robot is not None:
+        robot.stop()
+    return _run(xs, log, estimator is not None, ~running)
+
+
+def _run(xs: list[Tensor], log: list[tuple[Tensor, ...]], estimated: bool, finished) -> Run:
+    u, y, X, P, goal, running = (torch.stack(z, dim=len(finished.shape)) for z in zip(*log))
+    x = torch.stack(xs, dim=-2)
+    return Run(x, u, y, X, P if estimated else None, goal, running, finished)

@@ -1,0 +1,94 @@
+"""Model predictive control: plan T steps ahead, take the first, plan again.
+
+Chapter 3 builds it; the sweeps are in `ilqr.py`, the gradient in `implicit.py`.
+"""
+
+import copy
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .ilqr import optimize
+from .implicit import differentiable
+from .problem import OptimalControl
+
+
+class Plan(NamedTuple):
+    """What :meth:`MPC.solve` returns."""
+
+    x: Tensor  # states, (..., T+1, n)
+    u: Tensor  # inputs, (..., T, m)
+    cost: Tensor  # (...)
+    converged: Tensor  # whether no better plan is near, (...), bool
+    iterations: Tensor  # how many sweeps it took, (...)
+    history: Tensor  # the cost at the start and after each sweep, (sweeps + 1, ...)
+
+
+class MPC(OptimalControl):
+    """Returns the best states and inputs for the next T steps of any system; Q, p are weights.
+
+        J = sum_t 1/2 (z_t - r)' Q_t (z_t - r) + p_t' z_t,    z = [x, u],    r = [target, 0]
+
+    It keeps nothing between calls. Gradients of the plan are exact, by the implicit function
+    theorem, where it has converged; where it has not, a warning says so.
+
+    Args:
+        system: any :class:`System`; its clock says when a plan starts.
+        Q: weights ``(n+m, n+m)`` to ``(..., T, n+m, n+m)``; see :class:`OptimalControl`.
+        p: linear weights, or None.
+        T: how many steps to plan.
+        stepper: says when sweeps may stop early, such as ``utils.ReduceToBason(steps=10)``; it is
+            told the cost that the latest sweep hoped to gain, and stays as it was. None goes on
+            until the plan has converged, for 200 sweeps at most.
+
+    Source: "PyPose v0.6", section III-B; Li, Todorov, "Iterative linear quadratic regulator
+    design for nonlinear biological movement systems" (2004).
+    """
+
+    def __init__(self, system, Q, p, T, stepper=None):
+        super().__init__(system, Q, p, T)
+        self.stepper = stepper
+
+    def forward(
+        self, dt, x_init, target=None, u_init=None, u_lower=None, u_upper=None, du=None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Returns ``x (..., T+1, n)``, ``u (..., T, m)`` and ``cost (...)``; see :meth:`solve`."""
+        return self.solve(dt, x_init, target, u_init, u_lower, u_upper, du)[:3]
+
+    def solve(
+        self, dt, x_init, target=None, u_init=None, u_lower=None, u_upper=None, du=None
+    ) -> Plan:
+        """Returns the plan, and whether and how it converged.
+
+        Args:
+            dt: seconds a step takes; only compared with that of a system that states its own,
+                since time is counted in steps.
+            x_init: ``(..., n)``.
+            target: the state to reach, ``(..., n)``, or one for each step: a dimension more than
+                x_init, ``(..., T, n)``.
+            u_init: inputs to start from, ``(..., T, m)``, such as :func:`shift` of the last plan.
+            u_lower: lower bound of u: a number, ``(m,)`` or ``(..., T, m)``; may be infinite.
+            u_upper: upper bound of u.
+            du: how far one sweep may change u.
+
+        Raises:
+            ValueError: for arguments that do not fit, or a rollout of u_init that diverges.
+        """
+        problem, x_init, U = self._pose(x_init, dt, u_init, u_lower, u_upper, du, target)
+        solution = optimize(problem, x_init, U, 200, self._fresh_stepper())
+        if torch.is_grad_enabled() and problem.requires_grad(x_init):
+            solution = differentiable(problem, x_init, solution)
+        X, U, *rest = solution
+        return Plan(X.movedim(0, -2), U.movedim(0, -2), *rest)
+
+    def _fresh_stepper(self):
+        stepper = copy.deepcopy(self.stepper)
+        if stepper is not None:
+            stepper.reset()
+        return stepper
+
+
+def shift(u: Tensor) -> Tensor:
+    """Returns a plan's inputs ``(..., T, m)`` one step later: the next plan's warm start."""
+    return torch.cat([u[..., 1:, :], u[..., -1:, :]], dim=-2).detach()

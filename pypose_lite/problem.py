@@ -1,0 +1,181 @@
+"""The problem that LQR and MPC solve, and how users state it.
+
+    minimise    sum_t 1/2 (z_t - r_t)' Q_t (z_t - r_t) + p_t' z_t,    z_t = [x_t, u_t]
+    subject to  x_t+1 = f(x_t, u_t, t),    lower <= u_t <= upper
+
+over t = 0 .. T-1. Users write sequences as ``(..., T, n)`` and z as ``[x, u]``; inside, time
+comes first, ``(T, ..., n)``, so that batches broadcast, and inputs come before states, so that
+the Riccati step solves for a leading block.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from .shapes import alike, bmv, bvmv, bvv, check, over_time
+from .systems import System
+
+
+class Problem(NamedTuple):
+    """What is minimised; each tensor is ``(T, ..., ·)`` or None, inputs before states."""
+
+    system: System
+    t: Tensor  # time steps, (T,)
+    Q: Tensor  # symmetric weights of [u, x]
+    p: Tensor  # linear weights of [u, x]
+    r: Tensor  # what [u, x] should be
+    lower: Tensor | None = None  # bounds of u
+    upper: Tensor | None = None
+    du: Tensor | None = None  # how far one sweep may change u
+
+    def members(self, rows: Tensor) -> "Problem":
+        """Returns the problem of some members of a batch ``(B,)``."""
+        pick = [z if z is None or z.shape[1] == 1 else z[:, rows] for z in self[2:]]
+        return Problem(self.system, self.t, *pick)  # type: ignore[arg-type]
+
+    def box(self, U: Tensor) -> tuple[Tensor, Tensor] | None:
+        """Returns how far each input may go down and up from U in one sweep, or None."""
+        if self.lower is None and self.upper is None and self.du is None:
+            return None
+        free = torch.full_like(U, torch.inf)
+        du = free if self.du is None else self.du
+        down = -free if self.lower is None else self.lower - U
+        up = free if self.upper is None else self.upper - U
+        return torch.maximum(down, -du), torch.minimum(up, du)
+
+    def clip(self, U: Tensor, t: int | slice = slice(None)) -> Tensor:
+        """Returns the inputs of step t, or of all steps, within their bounds."""
+        U = U if self.lower is None else torch.maximum(U, self.lower[t])
+        return U if self.upper is None else torch.minimum(U, self.upper[t])
+
+    def cost(self, X: Tensor, U: Tensor) -> Tensor:
+        """Returns the total cost ``(...)`` of ``X (T+1, ..., n)`` and ``U (T, ..., m)``."""
+        z = torch.cat([U, X[:-1]], dim=-1)
+        return (bvmv(z - self.r, self.Q, z - self.r) / 2 + bvv(self.p, z)).sum(0)
+
+    def requires_grad(self, x_init: Tensor) -> bool:
+        """Returns whether x_init, the weights, the bounds or the system may want a gradient."""
+        step = self.system.transition(x_init, self.r[0, ..., : -x_init.shape[-1]], self.t[0])
+        return any(z is not None and z.requires_grad for z in (step, *self[2:]))
+
+    def check(self, m: int) -> None:
+        """Raises ValueError where there is nothing to minimise over m inputs."""
+        if torch.linalg.cholesky_ex(self.Q[..., :m, :m].detach()).info.any():
+            raise ValueError("Q: its block of u must be positive definite at every step")
+        if self.lower is not None and self.upper is not None and (self.lower > self.upper).any():
+            raise ValueError("u_lower: expected no more than u_upper")
+        if self.du is not None and not (self.du > 0).all():
+            raise ValueError("du: expected a positive change")
+
+    def slope(self, X: Tensor, U: Tensor) -> Tensor:
+        """Returns the derivative of each step's cost in ``[u, x]``, ``(T, ..., m+n)``."""
+        return bmv(self.Q, torch.cat([U, X[:-1]], dim=-1) - self.r) + self.p
+
+
+def rollout(problem: Problem, x_init: Tensor, U: Tensor) -> Tensor:
+    """Returns the states ``(T+1, ..., n)`` that the inputs ``(T, ..., m)`` lead to."""
+    X = [x_init]
+    for t, u in zip(problem.t, U):
+        X.append(problem.system.transition(X[-1], u, t))
+    return torch.stack(torch.broadcast_tensors(*X))
+
+
+class OptimalControl(nn.Module):
+    """A system and a quadratic cost over T steps: what LQR and MPC have in common.
+
+    Args:
+        system: any :class:`System`; its clock says when a plan starts.
+        Q: weights of ``z = [x, u]``: ``(n+m, n+m)``, one for each step ``(T, n+m, n+m)``, or
+            with leading batch dimensions. Its symmetric part counts; that of u must be > 0.
+        p: linear weights, likewise ``(n+m,)`` to ``(..., T, n+m)``, or None.
+        T: how many steps to plan.
+
+    The state after the last step costs nothing, as in PyPose.
+    """
+
+    system: System
+    Q: Tensor
+    p: Tensor | None
+
+    def __init__(self, system: System, Q: Tensor, p: Tensor | None, T: int):
+        super().__init__()
+        if T < 1 or T != int(T):
+            raise ValueError(f"T: expected at least one step, got {T}")
+        check("Q: k k, p: k", Q, p)
+        self.system, self.T = system, int(T)
+        for name, value in (("Q", Q), ("p", p)):
+            if isinstance(value, nn.Parameter):
+                self.register_parameter(name, value)
+            else:
+                self.register_buffer(name, value)
+
+    def _pose(self, x_init, dt, u_init, u_lower, u_upper, du, target=None):
+        """Returns the problem, x_init and the inputs to start from: checked, time first."""
+        sizes = check("x_init: n", x_init)
+        for name, value in (("Q", self.Q), ("p", self.p), ("target", target), ("u_init", u_init)):
+            alike(name, value, x_init)
+        check("target: n", target, n=sizes["n"])
+        k, n = self.Q.shape[-1], sizes["n"]
+        m, none = k - n, x_init.new_zeros(k)
+        if m < 1:
+            raise ValueError(f"Q: expected (..., n+m, n+m) with n={n} of x_init, got {(k, k)}")
+        check_step(self.system, dt)
+        batch = self.system.transition(x_init, none[n:]).shape[:-1]
+
+        def timed(name, value, *sizes):
+            return None if value is None else over_time(name, value, sizes, self.T, batch)
+
+        tensors = [
+            timed("Q", (self.Q + self.Q.mT) / 2, k, k).roll((m, m), (-2, -1)),
+            timed("p", none if self.p is None else self.p, k).roll(m, -1),
+            _reference(target, x_init, m, self.T),
+            timed("u_lower", _bound("u_lower", u_lower, x_init, m), m),
+            timed("u_upper", _bound("u_upper", u_upper, x_init, m), m),
+            timed("du", _bound("du", du, x_init, m), m),
+            timed("u_init", none[n:] if u_init is None else u_init, m),
+        ]
+        cores = (2, 1, 1, 1, 1, 1, 1)
+        leads = [z.shape[1 : z.ndim - c] for z, c in zip(tensors, cores) if z is not None]
+        batch = torch.broadcast_shapes(batch, *leads)
+        *parts, U = [_padded(z, c, len(batch)) for z, c in zip(tensors, cores)]
+        t = self.system.systime + torch.arange(self.T, device=self.system.systime.device)
+        problem = Problem(self.system, t, *parts)  # type: ignore[arg-type]
+        problem.check(m)
+        return problem, x_init.expand(*batch, n), U
+
+
+def check_step(system: System, dt) -> None:
+    """Raises ValueError where dt is not the time step that the system itself states."""
+    if dt is not None and not float(dt) > 0:
+        raise ValueError(f"dt: expected a positive time step, got {dt}")
+    own = getattr(system, "dt", None)
+    if dt is not None and isinstance(own, float | int) and not math.isclose(own, dt, rel_tol=1e-6):
+        raise ValueError(f"dt: the system steps by {own}, got {dt}")
+
+
+def _reference(target: Tensor | None, x_init: Tensor, m: int, T: int) -> Tensor:
+    """Returns where ``[u, x]`` should be, ``(T, ..., m+n)``; a target is a state or T of them."""
+    target = x_init.new_zeros(x_init.shape[-1]) if target is None else target
+    target = target.unsqueeze(-2) if target.ndim <= x_init.ndim else target
+    if target.shape[-2] not in (1, T):
+        raise ValueError(f"target: expected a state or T={T} of them, got {tuple(target.shape)}")
+    r = torch.cat([target.new_zeros(*target.shape[:-1], m), target], dim=-1).movedim(-2, 0)
+    return r.expand(T, *r.shape[1:])
+
+
+def _bound(name: str, value: Tensor | float | None, like: Tensor, m: int) -> Tensor | None:
+    """Returns a bound as a tensor; it may be infinite, and a number holds for every input."""
+    if value is None:
+        return None
+    value = value if isinstance(value, Tensor) else like.new_tensor(value)
+    alike(name, value, like, infinite=True)
+    return value.expand(m) if value.ndim == 0 else value
+
+
+def _padded(z: Tensor | None, core: int, dims: int) -> Tensor | None:
+    """Returns ``(T, lead, core)`` with as many leading dimensions as the batch has."""
+    if z is None:
+        return None
+    return z.reshape(len(z), *[1] * (dims + core + 1 - z.ndim), *z.shape[1:])

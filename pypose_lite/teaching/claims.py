@@ -141,7 +141,7 @@ def _bound(
 
 
 def _shown(value: Number, unit: str) -> str:
-    """Whole numbers in full, others with three digits: ``0.0543 m``, ``48``, ``1.2e-7``, ``yes``."""
+    """Whole numbers in full, others with three digits: ``0.0543 m``, ``48``, ``2e-7``, ``yes``."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int) or (math.isfinite(value) and 1000 <= abs(value) < 1e6):

@@ -5,6 +5,7 @@ those of Okabe and Ito, which colour-blind readers can tell apart, and the shape
 """
 
 import math
+from functools import partial
 
 import matplotlib.pyplot as plt
 import torch
@@ -52,31 +53,29 @@ def infinity_axes(ax: Axes, title: str = "", margin: float = 0.4) -> Axes:
 
 def plot_waypoints(ax: Axes, waypoints: Tensor, label: str = "waypoints") -> PathCollection:
     """Returns the red points that the car has to visit; ``waypoints (T, n)``, n >= 2."""
-    i, j = _positions("waypoints", waypoints)
+    i, j = _positions("waypoints", waypoints).unbind(-1)
     return ax.scatter(i, j, s=36, color=RED, marker="o", zorder=3, label=label)
 
 
 def plot_states(ax: Axes, x: Tensor, label: str | None = None, color: str = BLUE) -> list[Line2D]:
     """Returns the connected dots of a run ``x (T, n)``, or of a batch of them ``(..., T, n)``."""
-    check("x: T n", x)
-    paths = x.detach().cpu()[..., :2].reshape(-1, *x.shape[-2:-1], 2)
-    style = {"marker": ".", "markersize": 5, "linewidth": 1, "color": color}
-    lines = [ax.plot(path[:, 0], path[:, 1], **style)[0] for path in paths]
+    paths = _positions("x", x).flatten(0, -3) if x.ndim > 2 else _positions("x", x)[None]
+    lines = [ax.plot(*path.mT, ".-", lw=1, ms=5, color=color)[0] for path in paths]
     lines[0].set_label(label or "_nolegend_")
     return lines
 
 
 def plot_reference(ax: Axes, points: Tensor, label: str = "reference") -> list[Line2D]:
     """Returns the orange curve that the car should follow; ``points (T, n)``, n >= 2."""
-    return ax.plot(*_positions("points", points), color=ORANGE, lw=3, alpha=0.6, label=label)
+    return ax.plot(*_positions("points", points).mT, color=ORANGE, lw=3, alpha=0.6, label=label)
 
 
 def plot_heading(ax: Axes, x: Tensor, length: float = 0.25, color: str = "black") -> Quiver:
     """Returns an arrow of ``length`` metres at each state of ``x (T, 4)``, along its heading."""
     check("x: T four", x, four=4)
     i, j, c, s = x.detach().cpu().unbind(-1)
-    scale = {"angles": "xy", "scale_units": "xy", "scale": 1 / length, "width": 0.004}
-    return ax.quiver(i, j, c, s, color=color, zorder=4, **scale)
+    in_metres = partial(ax.quiver, angles="xy", scale_units="xy", scale=1 / length)
+    return in_metres(i, j, c, s, color=color, width=0.004, zorder=4)
 
 
 def plot_covariance(
@@ -99,10 +98,12 @@ def plot_covariance(
     angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
     i, j = mean.detach().cpu()[:2].tolist()
     ellipse = Ellipse((i, j), major, minor, angle=angle, fill=False, color=color, lw=1)
-    return ax.add_patch(ellipse)
+    ax.add_patch(ellipse)
+    return ellipse
 
 
-def _positions(name: str, points: Tensor) -> tuple[Tensor, Tensor]:
-    """The first two columns of ``(T, n)`` as matplotlib takes them."""
-    check(f"{name}: T n", points)
-    return points.detach().cpu()[:, 0], points.detach().cpu()[:, 1]
+def _positions(name: str, points: Tensor) -> Tensor:
+    """The first two columns of ``(..., T, n)``, as matplotlib takes them."""
+    if check(f"{name}: T n", points)["n"] < 2:
+        raise ValueError(f"{name}: expected (..., T, n) with n >= 2, got {tuple(points.shape)}")
+    return points.detach().cpu()[..., :2]

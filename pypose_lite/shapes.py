@@ -3,6 +3,8 @@
 Vectors come last and batches first: a state is ``(..., n)``, a sequence ``(..., T, n)``.
 """
 
+import functools
+import math
 import re
 
 import torch
@@ -44,12 +46,11 @@ def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
             raise ValueError(_mismatch(name, letters, shape, known, origin))
         first = first or (name, x)
         alike(name, x, first[1], first[0])
+        lead = shape[: len(shape) - k]
         try:
-            batch = torch.broadcast_shapes(batch, shape[: len(shape) - k])
+            batch = torch.broadcast_shapes(batch, lead) if lead and lead != batch else batch
         except RuntimeError:
-            raise ValueError(
-                f"{name}: its batch {shape[: len(shape) - k]} does not broadcast with {batch}"
-            ) from None
+            raise ValueError(f"{name}: its batch {lead} does not broadcast with {batch}") from None
     return known
 
 
@@ -101,6 +102,8 @@ def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=F
         )
     if torch.compiler.is_compiling() or torch._C._functorch.is_batchedtensor(x):
         return
+    if math.isfinite(x.detach().sum()):  # quicker than to ask every number
+        return
     bad = torch.isnan(x) if infinite else ~torch.isfinite(x)
     if bad.any():
         where = tuple(bad.nonzero()[0].tolist())
@@ -122,10 +125,11 @@ def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
     return bvv(lvec, bmv(mat, rvec))
 
 
-def _parse(spec: str) -> list[tuple[str, list[str]]]:
-    """``"A: n n, b: n" -> [("A", ["n", "n"]), ("b", ["n"])]``."""
+@functools.cache
+def _parse(spec: str) -> tuple[tuple[str, list[str]], ...]:
+    """``"A: n n, b: n" -> (("A", ["n", "n"]), ("b", ["n"]))``."""
     pairs = (re.fullmatch(r"\s*(\w+):\s*([\w\s]*)", part) for part in spec.split(","))
-    return [(pair[1], pair[2].split()) for pair in pairs if pair]
+    return tuple((pair[1], pair[2].split()) for pair in pairs if pair)
 
 
 def _broadcast(lead: tuple, batch: tuple) -> bool:

@@ -1,0 +1,184 @@
+"""Whatever happens to the program that drives, zero velocity reaches the robot, and goes on.
+
+A second program drives a simulated robot that lives here; here it is told to end, or ends by
+itself, and here the commands that arrive are written down with their time.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from go1_helpers import moving
+
+from pypose_lite import go1
+from pypose_lite.go1 import endings
+from pypose_lite.go1.dog import STEP
+from pypose_lite.go1.protocol import COMMAND_SIZE
+from pypose_lite.go1.simulation import Simulator
+from pypose_lite.go1.transport import UdpServer
+
+DRIVER = Path(__file__).with_name("dying_driver.py")
+WITHIN = 0.4  # s, the promise; and the time that a busy machine may keep a process waiting:
+MACHINE = 0.2
+WATCH = 1.2  # s, for which the robot is watched after the end
+
+BY_ITSELF = [
+    *("raise_an_error", "leave_without_closing", "exit_at_once", "crash"),
+    *("sleep", "spin", "hold_the_interpreter"),
+]
+BY_SIGNAL = {
+    "Ctrl-C": ("keep_driving", signal.SIGINT),
+    "kill -TERM": ("keep_driving", signal.SIGTERM),
+    "a closed terminal": ("keep_driving", signal.SIGHUP),
+    "kill -KILL": ("keep_driving", signal.SIGKILL),
+    "Ctrl-Z": ("keep_driving", signal.SIGSTOP),
+    "kill -TERM while it sleeps": ("sleep", signal.SIGTERM),
+    "Ctrl-C, and the program goes on": ("swallow_everything", signal.SIGINT),
+}
+LIVING = {"sleep", "spin", "hold_the_interpreter", "Ctrl-Z", "Ctrl-C, and the program goes on"}
+
+
+class Witness(Simulator):
+    """A robot on UDP in a thread, which writes down what it is told."""
+
+    def __init__(self):
+        self.server = UdpServer("127.0.0.1", 0, COMMAND_SIZE, silence=5.0)
+        super().__init__(self.server, go1.Simulation())
+        self.told = []
+        self.end = threading.Event()
+        self.thread = threading.Thread(target=self.live)
+
+    def apply(self, command):
+        self.told.append((time.monotonic(), command))
+        super().apply(command)
+
+    def live(self):
+        while not self.end.is_set():
+            self.step(STEP)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *exception):
+        self.end.set()
+        self.thread.join()
+        self.server.close()
+
+
+@pytest.fixture(scope="module")
+def drivers():
+    """A program that starts drivers."""
+    with subprocess.Popen(
+        [sys.executable, str(DRIVER)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        bufsize=1,
+    ) as program:
+        yield program
+        program.kill()
+
+
+def drive_and_end(drivers, way, number=None):
+    """What the robot was told after the end of a program: [(seconds after it, command)]."""
+    with Witness() as robot:
+        drivers.stdin.write(f"udp://127.0.0.1:{robot.server.port} {way}\n")
+        process, end = drivers.stdout.readline().split()
+        try:
+            end = float(end)
+            if number is not None:
+                time.sleep(0.3)
+                end = time.monotonic()
+                os.kill(int(process), number)
+            time.sleep(max(end + WATCH - time.monotonic(), 0.0))
+        finally:
+            os.kill(int(process), signal.SIGKILL)  # a child not waited for keeps its number
+        return [(at - end, command) for at, command in [*robot.told]]
+
+
+def check(told, lives):
+    before = [command for at, command in told if at < 0]
+    after = [(at, command) for at, command in told if WATCH > at >= 0]
+    assert sum(map(moving, before)) > 50
+    last = max((at for at, command in told if moving(command)), default=0.0)
+    assert last < WITHIN + MACHINE
+    zeros = [at for at, command in after if at > last]
+    assert len(zeros) > 50
+    if lives:
+        assert zeros[-1] > WATCH - MACHINE
+
+
+@pytest.mark.parametrize("way", BY_ITSELF)
+def test_zero_velocity_goes_out_when_the_program_comes_to_its_end(drivers, way):
+    check(drive_and_end(drivers, way), way in LIVING)
+
+
+@pytest.mark.parametrize("ending", BY_SIGNAL)
+def test_zero_velocity_goes_out_when_the_program_is_told_to_end(drivers, ending):
+    check(drive_and_end(drivers, *BY_SIGNAL[ending]), ending in LIVING)
+
+
+def test_what_waited_while_the_program_slept_is_not_taken_for_fresh(drivers):
+    """Stopped for a second, its socket full of old states: what it serves next is new."""
+    with Witness() as robot:
+        drivers.stdin.write(f"udp://127.0.0.1:{robot.server.port} watch_the_state\n")
+        process = int(drivers.stdout.readline().split()[0])
+        time.sleep(0.6)  # the walk that it began has come to its end
+        os.kill(process, signal.SIGSTOP)
+        time.sleep(0.1)
+        x, *rest = robot.dog._odometry
+        robot.dog._odometry = (x + 1.0, *rest)  # it is carried away meanwhile
+        time.sleep(1.0)
+        moved, resumed = robot.dog._odometry[0], time.monotonic()
+        os.kill(process, signal.SIGCONT)
+        lines = [line.split() for line in iter(drivers.stdout.readline, "end\n")]
+    served = [float(x) for at, x in lines if float(at) > resumed]
+    assert len(served) > 50
+    assert all(x == pytest.approx(moved, abs=0.1) for x in served)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_signals_are_put_back_when_the_last_robot_is_closed(number):
+    assert signal.getsignal(number) == signal.SIG_DFL
+    endings.arm()
+    endings.arm()
+    with pytest.raises(SystemExit) as ended:
+        os.kill(os.getpid(), number)
+        time.sleep(1.0)
+    assert ended.value.code == 128 + number
+    endings.disarm()
+    assert signal.getsignal(number) != signal.SIG_DFL
+    endings.disarm()
+    assert signal.getsignal(number) == signal.SIG_DFL
+
+
+def test_a_signal_that_the_program_handles_itself_is_left_to_it():
+    def mine(number, frame):
+        pass
+
+    before = signal.signal(signal.SIGTERM, mine)
+    try:
+        endings.arm()
+        assert signal.getsignal(signal.SIGTERM) is mine
+        endings.disarm()
+        assert signal.getsignal(signal.SIGTERM) is mine
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_dead_guardian_is_told():
+    with Witness() as robot:
+        with go1.connect(f"udp://127.0.0.1:{robot.server.port}") as driver:
+            driver._guardian._process.kill()
+            driver._guardian._process.wait()
+            driver.wait(0.2)
+            assert [text for _, text in driver.events] == ["the guardian process is dead"]
+            driver.move(0.4, 0.0)
+            driver.wait(0.1)

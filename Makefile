@@ -15,7 +15,8 @@ export OMP_NUM_THREADS ?= 1
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 LIBRARY := $(shell find pypose_lite -name '*.py')
-NOTEBOOKS := $(patsubst book/%.py,build/executed/%.ipynb,$(wildcard book/*.py))
+PAGES := $(shell sed -nE 's/.*(root|file): //p' _toc.yml)
+NOTEBOOKS := $(foreach page,$(PAGES),$(if $(wildcard book/$(page).py),build/executed/$(page).ipynb))
 SITE := build/site/_build/html/index.html
 JUPYTER_BOOK := jupyter-book build -q
 
@@ -41,7 +42,8 @@ site: chapters build/npm/.complete
 # Chapters run side by side, one process for each of two cores; each is run again only when it or
 # the library has changed.
 chapters: .venv/.installed
-	@$(MAKE) --no-print-directory -j2 $(NOTEBOOKS)
+	@rm -f $(filter-out $(NOTEBOOKS),$(wildcard build/executed/*.ipynb))
+	@$(MAKE) -s -j2 $(NOTEBOOKS)
 
 build/executed/%.ipynb: book/%.py book/site/execute.py $(LIBRARY) .venv/.installed
 	@python book/site/execute.py $< $@

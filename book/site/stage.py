@@ -19,19 +19,20 @@ BOOK = Path(__file__).parent.parent
 
 
 def stage(executed: Path, target: Path, page: str = "*") -> None:
-    """Writes all pages, or the one asked for, to ``target``; what has not changed stays."""
-    claims = gather(executed)
+    """Makes ``target`` hold all pages, or the one asked for; what has not changed is not touched."""
+    claims, pages = gather(executed), {}
     for path in executed.glob(f"{page}.ipynb"):
         notebook = nbformat.read(path, as_version=4)
         for cell in notebook.cells:
             if cell.cell_type == "markdown":
                 cell.source = filled_in(cell.source, path.stem, claims)
-        put(nbformat.writes(notebook), target / path.name)
+        pages[path.name] = nbformat.writes(notebook)
     for path in BOOK.glob(f"{page}.md"):
         text = filled_in(path.read_text(), path.stem, claims)
-        put(text.replace("<!-- scoreboard -->", table(claims)), target / path.name)
+        pages[path.name] = text.replace("<!-- scoreboard -->", table(claims))
     for path in [*BOOK.glob("*.bib"), *BOOK.parent.glob("_*.yml")]:
-        put(path.read_text(), target / path.name)
+        pages[path.name] = path.read_text()
+    put(pages, target)
     shutil.copytree(BOOK / "site" / "static", target / "static", dirs_exist_ok=True)
 
 
@@ -57,11 +58,16 @@ def table(claims: dict) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
-def put(text: str, path: Path) -> None:
-    """Writes a file unless it has that text already, so that Sphinx sees no change."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists() or path.read_text() != text:
-        path.write_text(text)
+def put(pages: dict[str, str], target: Path) -> None:
+    """Makes the folder hold these files and no others; Sphinx sees only the ones that changed."""
+    target.mkdir(parents=True, exist_ok=True)
+    for path in target.iterdir():
+        if path.is_file() and path.name not in pages:
+            path.unlink()
+    for name, text in pages.items():
+        path = target / name
+        if not path.exists() or path.read_text() != text:
+            path.write_text(text)
 
 
 if __name__ == "__main__":

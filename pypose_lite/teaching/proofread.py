@@ -26,7 +26,7 @@ UNITS = (
     r"metres?|seconds?|milliseconds?|microseconds?|minutes?|degrees?|radians?|percent|times)(?!\w)"
 )
 MEASURED = re.compile(rf"(?<![\w.])(?:\d+\.\d+(?:e-?\d+)?(?!\.?\d)(?:{UNITS})?|\d+{UNITS})")
-REFERENCE = re.compile(r"\{claim\}`([\w.]+)`")  # `name`, or `03_mpc.name` in another chapter
+REFERENCE = re.compile(r"(?<!`)\{claim\}`([\w.]+)`")  # `name`, or `03_mpc.name` in another chapter
 FIGURE = re.compile(r"image/|video/|application/vnd\.jupyter\.widget-view")
 
 

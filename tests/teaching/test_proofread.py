@@ -140,7 +140,7 @@ def test_a_name_is_claimed_once():
 
 
 def test_text_refers_to_claims_that_are_made():
-    text = notebook("{claim}`a`, {claim}`b`, {claim}`04_ekf.c`", [claimed("a")])
+    text = notebook("{claim}`a`, {claim}`b`, {claim}`04_ekf.c` and ``{claim}`d` ``", [claimed("a")])
     assert list(claims_unmade(text)) == ["text refers to {claim}`b`, which no cell claims"]
 
 

@@ -104,20 +104,25 @@ def search(problem: Problem, X: Tensor, U: Tensor, cost: Tensor, K: Tensor, prom
     """
     rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
     X1, U1 = follow(problem, X[0], X, U, K)
-    cost1 = problem.cost(X1, U1).nan_to_num(torch.inf)
+    cost1 = _or_infinite(problem.cost(X1, U1))
     good = cost1 <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
     if good.all():
         return X1, U1, cost1, good
     steps = STEPS.to(U).reshape(-1, *[1] * (U.ndim - 1))
     Xs, Us = follow(problem, X[0], X, U, K, steps)
     costs = torch.stack([problem.cost(Xs[:, i], Us[:, i]) for i in range(len(steps))])
-    costs, best = costs.nan_to_num(torch.inf).min(0)
+    costs, best = _or_infinite(costs).min(0)
     pick = best.expand(1, 1, *best.shape)[..., None]
     Xs, Us = (Z.take_along_dim(pick, 1)[:, 0] for Z in (Xs, Us))
     helped = good | (costs < cost)
     new_X = torch.where(good[..., None], X1, torch.where(helped[..., None], Xs, X))
     new_U = torch.where(good[..., None], U1, torch.where(helped[..., None], Us, U))
     return new_X, new_U, torch.where(good, cost1, torch.where(helped, costs, cost)), helped
+
+
+def _or_infinite(cost: Tensor) -> Tensor:
+    """Returns a cost that no plan can prefer where it is not finite."""
+    return torch.where(torch.isfinite(cost), cost, torch.inf)
 
 
 class Iterate(NamedTuple):
@@ -165,13 +170,13 @@ def improve(problem: Problem, at: Iterate) -> Iterate:
     unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
     raised = torch.maximum(10 * at.damping, 1e-3 * unit)
     lowered = torch.where(at.damping > 1e-6 * unit, at.damping / 10, 0)
-    steady = torch.where(kept > 0.75, lowered, at.damping)
+    steady = torch.where((kept > 0.75) | at_rest, lowered, at.damping)
     return Iterate(
         X,
         U,
         cost,
-        promised=-gain,
-        damping=torch.where((kept < 0.25) & (size > eps**0.5), raised, steady),
+        promised=torch.where(failed, torch.inf, -gain),
+        damping=torch.where(((kept < 0.25) & (size > eps**0.5)) | failed, raised, steady),
         exact=(kept < 0.8) | (size < 0.3),
         converged=at_rest & ~failed & (at.damping <= unit),
         iterations=at.iterations + 1,
@@ -196,9 +201,8 @@ def optimize(problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=N
     """
     U = problem.clip(U)
     X = rollout(problem, x_init, U)
-    U = U.expand(len(U), *X.shape[1:-1], -1)
     cost = problem.cost(X, U)
-    _refuse_divergence(X, cost)
+    refuse_divergence(X, cost)
     no = torch.zeros_like(cost, dtype=torch.bool)
     at = Iterate(X, U, cost, 0 * cost, 0 * cost, no, no, torch.zeros_like(cost, dtype=torch.int64))
     alone = cost.ndim == 1 and problem.system.transition(X[0, 0], U[0, 0]).ndim == 1
@@ -217,8 +221,11 @@ def optimize(problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=N
     return Solution(at.X, at.U, at.cost, at.converged, at.iterations, torch.stack(history))
 
 
-def _refuse_divergence(X: Tensor, cost: Tensor) -> None:
+def refuse_divergence(X: Tensor, cost: Tensor) -> None:
+    """Raises ValueError where states ``(T+1, ..., n)`` or their cost are not finite."""
+    finite = torch.isfinite(X).all(-1).reshape(len(X), -1).all(-1)
+    if not finite.all():
+        step = int((~finite).nonzero()[0])
+        raise ValueError(f"x_init: the rollout from it diverges, x[{step}] is not finite")
     if not torch.isfinite(cost).all():
-        finite = torch.isfinite(X).all(-1).reshape(len(X), -1).all(-1)
-        step = len(X) if finite.all() else int((~finite).nonzero()[0])
-        raise ValueError(f"u_init: the rollout from x_init diverges; x[{step}] is not finite")
+        raise ValueError("x_init: the rollout from it diverges, its cost is not finite")

@@ -3,10 +3,12 @@
 Chapter 2 builds it from the Riccati step of `riccati.py`.
 """
 
+import warnings
+
 import torch
 from torch import Tensor
 
-from .ilqr import follow, model, optimize
+from .ilqr import follow, model, optimize, refuse_divergence
 from .implicit import differentiable
 from .problem import OptimalControl, Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
@@ -28,6 +30,8 @@ class LQR(OptimalControl):
     the signature is PyPose's.
     """
 
+    start = "u_traj"
+
     def forward(self, x_init, dt=None, u_traj=None, u_lower=None, u_upper=None, du=None):
         """Returns ``x (..., T+1, n)``, ``u (..., T, m)`` and ``cost (...)``.
 
@@ -41,17 +45,21 @@ class LQR(OptimalControl):
             du: how far u may move from ``u_traj``.
 
         Raises:
-            ValueError: for arguments that do not fit, or a cost that has no minimum.
+            ValueError: for arguments that do not fit, a rollout that diverges, or a cost that has
+                no minimum.
         """
         problem, x_init, U = self._pose(x_init, dt, u_traj, u_lower, u_upper, du)
-        box = problem.box(U)
-        if box is None:
+        U = problem.clip(U)
+        if problem.box(U) is None:
             X, U = _nominal(problem, x_init, U)
             X, U = follow(problem, x_init, X, U, _gains(problem, X, U))
             cost = problem.cost(X, U)
+            refuse_divergence(X, cost)
         else:
-            problem = problem._replace(lower=U + box[0], upper=U + box[1], du=None)
+            problem = problem.near(U)
             solution = optimize(problem, x_init, U, sweeps=200)
+            if not solution.converged.all():
+                warnings.warn("no end was found in 200 sweeps: a better plan is near", stacklevel=2)
             if torch.is_grad_enabled() and problem.requires_grad(x_init):
                 solution = differentiable(problem, x_init, solution)
             X, U, cost = solution.X, solution.U, solution.cost
@@ -73,7 +81,9 @@ def _nominal(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tenso
     if isinstance(problem.system, LTI):  # an unstable rollout would cost digits
         zeros = x_init.new_zeros(len(problem.t) + 1, *x_init.shape)
         return zeros, torch.zeros_like(U)
-    return rollout(problem, x_init, U), U
+    X = rollout(problem, x_init, U)
+    refuse_divergence(X, problem.cost(X, U))
+    return X, U
 
 
 def _gains(problem: Problem, X: Tensor, U: Tensor) -> Tensor:

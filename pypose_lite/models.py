@@ -26,6 +26,7 @@ class DubinsCar(NLS):
     """
 
     vectorized = True
+    sizes = {"n": 4, "m": 2}
 
     def __init__(self, dt=0.1, slip=0.0):
         super().__init__()
@@ -62,6 +63,7 @@ class Pendulum(NLS):
     """
 
     vectorized = True
+    sizes = {"n": 2, "m": 1}
 
     def __init__(self, dt=0.05, length=1.0, mass=1.0, damping=0.1, gravity=9.81):
         super().__init__()
@@ -102,6 +104,7 @@ class CartPole(NLS):
     """
 
     vectorized = True
+    sizes = {"n": 4, "m": 1}
 
     def __init__(self, dt=0.02, length=0.5, cart=1.0, pole=0.1, gravity=9.81):
         super().__init__()

@@ -9,12 +9,12 @@ the Riccati step solves for a leading block.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from .shapes import alike, bmv, bvmv, bvv, check, over_time
+from .shapes import alike, bmv, bvmv, bvv, check, join, over_time
 from .systems import System
 
 
@@ -44,6 +44,15 @@ class Problem(NamedTuple):
         down = -free if self.lower is None else self.lower - U
         up = free if self.upper is None else self.upper - U
         return torch.maximum(down, -du), torch.minimum(up, du)
+
+    def near(self, U: Tensor) -> "Problem":
+        """Returns the problem whose bounds keep every input within ``du`` of U."""
+        if self.du is None:
+            return self
+        lower, upper = U - self.du, U + self.du
+        lower = lower if self.lower is None else torch.maximum(lower, self.lower)
+        upper = upper if self.upper is None else torch.minimum(upper, self.upper)
+        return self._replace(lower=lower, upper=upper, du=None)
 
     def clip(self, U: Tensor, t: int | slice = slice(None)) -> Tensor:
         """Returns the inputs of step t, or of all steps, within their bounds."""
@@ -98,13 +107,16 @@ class OptimalControl(nn.Module):
     system: System
     Q: Tensor
     p: Tensor | None
+    start = "u_init"  # what the call's inputs to start from are called
 
     def __init__(self, system: System, Q: Tensor, p: Tensor | None, T: int):
         super().__init__()
-        if T < 1 or T != int(T):
-            raise ValueError(f"T: expected at least one step, got {T}")
-        check("Q: k k, p: k", Q, p)
-        self.system, self.T = system, int(T)
+        if not isinstance(T, int) or T < 1:
+            raise ValueError(f"T: expected a number of steps, at least one, got {T!r}")
+        if not isinstance(Q, Tensor):
+            raise ValueError(f"Q: expected a floating-point tensor, got {type(Q).__name__}")
+        check("p: k", p, **check("Q: k k", Q))  # apart: one may have steps, the other a batch
+        self.system, self.T = system, T
         for name, value in (("Q", Q), ("p", p)):
             if isinstance(value, nn.Parameter):
                 self.register_parameter(name, value)
@@ -113,16 +125,13 @@ class OptimalControl(nn.Module):
 
     def _pose(self, x_init, dt, u_init, u_lower, u_upper, du, target=None):
         """Returns the problem, x_init and the inputs to start from: checked, time first."""
-        sizes = check("x_init: n", x_init)
-        for name, value in (("Q", self.Q), ("p", self.p), ("target", target), ("u_init", u_init)):
+        n, m = self._sizes(x_init)
+        k, none = n + m, x_init.new_zeros(n + m)
+        names = ("Q", "p", "target", "u_lower", "u_upper", "du", self.start)
+        for name, value in zip(names[:3] + names[-1:], (self.Q, self.p, target, u_init)):
             alike(name, value, x_init)
-        check("target: n", target, n=sizes["n"])
-        k, n = self.Q.shape[-1], sizes["n"]
-        m, none = k - n, x_init.new_zeros(k)
-        if m < 1:
-            raise ValueError(f"Q: expected (..., n+m, n+m) with n={n} of x_init, got {(k, k)}")
         check_step(self.system, dt)
-        batch = self.system.transition(x_init, none[n:]).shape[:-1]
+        batch = tuple(self.system.transition(x_init, none[n:]).shape[:-1])
 
         def timed(name, value, *sizes):
             return None if value is None else over_time(name, value, sizes, self.T, batch)
@@ -134,22 +143,35 @@ class OptimalControl(nn.Module):
             timed("u_lower", _bound("u_lower", u_lower, x_init, m), m),
             timed("u_upper", _bound("u_upper", u_upper, x_init, m), m),
             timed("du", _bound("du", du, x_init, m), m),
-            timed("u_init", none[n:] if u_init is None else u_init, m),
+            timed(self.start, none[n:] if u_init is None else u_init, m),
         ]
         cores = (2, 1, 1, 1, 1, 1, 1)
-        leads = [z.shape[1 : z.ndim - c] for z, c in zip(tensors, cores) if z is not None]
-        batch = torch.broadcast_shapes(batch, *leads)
+        for name, z, core in zip(names, tensors, cores):
+            batch = batch if z is None else join(name, tuple(z.shape[1 : z.ndim - core]), batch)
         *parts, U = [_padded(z, c, len(batch)) for z, c in zip(tensors, cores)]
         t = self.system.systime + torch.arange(self.T, device=self.system.systime.device)
-        problem = Problem(self.system, t, *parts)  # type: ignore[arg-type]
+        problem = Problem(self.system, t, *parts)
         problem.check(m)
-        return problem, x_init.expand(*batch, n), U
+        return problem, x_init.expand(*batch, n), U.expand(self.T, *batch, m)
+
+    def _sizes(self, x_init: Tensor) -> tuple[int, int]:
+        """Returns n and m, of which Q has to be made."""
+        if not isinstance(x_init, Tensor):
+            kind = type(x_init).__name__
+            raise ValueError(f"x_init: expected a floating-point tensor, got {kind}")
+        sizes = self.system.check_point("x_init", x_init)
+        n, k = sizes["n"], self.Q.shape[-1]
+        m = sizes.get("m", k - n)
+        if m < 1 or k != n + m:
+            made = f"n={n} and m={sizes['m']}" if "m" in sizes else f"n={n} of x_init"
+            raise ValueError(f"Q: expected (..., n+m, n+m) with {made}, got {tuple(self.Q.shape)}")
+        return n, m
 
 
 def check_step(system: System, dt) -> None:
     """Raises ValueError where dt is not the time step that the system itself states."""
-    if dt is not None and not float(dt) > 0:
-        raise ValueError(f"dt: expected a positive time step, got {dt}")
+    if dt is not None and not (isinstance(dt, float | int | Tensor) and dt > 0):
+        raise ValueError(f"dt: expected a positive time step, got {dt!r}")
     own = getattr(system, "dt", None)
     if dt is not None and isinstance(own, float | int) and not math.isclose(own, dt, rel_tol=1e-6):
         raise ValueError(f"dt: the system steps by {own}, got {dt}")
@@ -157,6 +179,7 @@ def check_step(system: System, dt) -> None:
 
 def _reference(target: Tensor | None, x_init: Tensor, m: int, T: int) -> Tensor:
     """Returns where ``[u, x]`` should be, ``(T, ..., m+n)``; a target is a state or T of them."""
+    check("target: n", target, n=x_init.shape[-1])
     target = x_init.new_zeros(x_init.shape[-1]) if target is None else target
     target = target.unsqueeze(-2) if target.ndim <= x_init.ndim else target
     if target.shape[-2] not in (1, T):
@@ -169,12 +192,15 @@ def _bound(name: str, value: Tensor | float | None, like: Tensor, m: int) -> Ten
     """Returns a bound as a tensor; it may be infinite, and a number holds for every input."""
     if value is None:
         return None
-    value = value if isinstance(value, Tensor) else like.new_tensor(value)
+    try:
+        value = value if isinstance(value, Tensor) else like.new_tensor(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers, got {value!r}") from None
     alike(name, value, like, infinite=True)
     return value.expand(m) if value.ndim == 0 else value
 
 
-def _padded(z: Tensor | None, core: int, dims: int) -> Tensor | None:
+def _padded(z: Any, core: int, dims: int) -> Any:
     """Returns ``(T, lead, core)`` with as many leading dimensions as the batch has."""
     if z is None:
         return None

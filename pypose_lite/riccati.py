@@ -132,14 +132,18 @@ def dlqr(A: Tensor, B: Tensor, Q: Tensor, R: Tensor, steps: int = 60) -> tuple[T
 
     Raises:
         ValueError: where no gain is stable: (A, B) cannot be stabilised, or Q does not see an
-            unstable motion.
+            unstable motion; and where the cost has no minimum.
 
     Source: Chu, Fan, Lin, Wang, "Structure-preserving algorithms for periodic discrete-time
     algebraic Riccati equations" (2004), section 3.
     """
     check("A: n n, B: n m, Q: n n, R: m m", A, B, Q, R)
+    batch = torch.broadcast_shapes(*(z.shape[:-2] for z in (A, B, Q, R)))
+    A, B, Q, R = (z.expand(*batch, *z.shape[-2:]) for z in (A, B, Q, R))  # solve may guess wrong
     R, P = (R + R.mT) / 2, (Q + Q.mT) / 2
-    S = B @ torch.linalg.solve(R, B.mT.expand(*R.shape[:-2], *B.mT.shape[-2:]))
+    if torch.linalg.cholesky_ex(R.detach()).info.any():
+        raise ValueError("R: expected a positive definite matrix")
+    S = B @ torch.linalg.solve(R, B.mT)
     Aj, eye = A, torch.eye(A.shape[-1], dtype=A.dtype, device=A.device)
     for _ in range(steps):
         W = eye + S @ P  # (1)
@@ -149,7 +153,10 @@ def dlqr(A: Tensor, B: Tensor, Q: Tensor, R: Tensor, steps: int = 60) -> tuple[T
         Aj, P = Aj @ WA, P + (change + change.mT) / 2  # (2)
         if not bool((change.abs().amax() > 1e-15 * P.abs().amax()).item()):
             break
-    K = torch.linalg.solve(R + B.mT @ P @ B, B.mT @ P @ A)
+    H = R + B.mT @ P @ B
+    K = torch.linalg.solve(H, B.mT @ P @ A)
+    if torch.linalg.cholesky_ex(H.detach()).info.any() and torch.isfinite(H).all():
+        raise ValueError("Q: the cost has no minimum; expected Q >= 0")
     closed = (A - B @ K).detach()
     if not torch.isfinite(closed).all() or (torch.linalg.eigvals(closed).abs() >= 1).any():
         raise ValueError(

@@ -46,12 +46,18 @@ def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
             raise ValueError(_mismatch(name, letters, shape, known, origin))
         first = first or (name, x)
         alike(name, x, first[1], first[0])
-        lead = shape[: len(shape) - k]
-        try:
-            batch = torch.broadcast_shapes(batch, lead) if lead and lead != batch else batch
-        except RuntimeError:
-            raise ValueError(f"{name}: its batch {lead} does not broadcast with {batch}") from None
+        batch = join(name, shape[: len(shape) - k], batch)
     return known
+
+
+def join(name: str, lead: tuple, batch: tuple) -> tuple:
+    """Returns the batch that ``lead`` and ``batch`` make together; ValueError where they cannot."""
+    if not lead or lead == batch:
+        return batch
+    try:
+        return tuple(torch.broadcast_shapes(batch, lead))
+    except RuntimeError:
+        raise ValueError(f"{name}: its batch {lead} does not broadcast with {batch}") from None
 
 
 def over_time(name: str, value: Tensor, sizes: tuple[int, ...], T: int, batch: tuple) -> Tensor:
@@ -75,12 +81,13 @@ def over_time(name: str, value: Tensor, sizes: tuple[int, ...], T: int, batch: t
     if in_time and in_batch:
         raise ValueError(
             f"{name}: {tuple(value.shape)} may be T={T} steps or a batch {tuple(batch)}; "
-            f"give (1, {T}, {core}) or (*batch, 1, {core})"
+            f"give ({'1, ' * len(batch)}{T}, {core}) or (*batch, 1, {core})"
         )
     if in_batch:
         value, lead = value.unsqueeze(-len(sizes) - 1), (*lead, 1)
     elif not in_time:
-        raise ValueError(f"{name}: expected (..., T={T}, {core}), got {tuple(value.shape)}")
+        whose = f" for a batch {tuple(batch)}" if batch else ""
+        raise ValueError(f"{name}: expected (..., T={T}, {core}){whose}, got {tuple(value.shape)}")
     return value.movedim(len(lead) - 1, 0).expand(T, *lead[:-1], *sizes)
 
 

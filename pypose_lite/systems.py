@@ -34,18 +34,20 @@ class System(nn.Module):
 
     A function may be written for one sample, ``state (n,)`` and ``input (m,)``: batches are then
     mapped over it. A subclass whose functions handle leading dimensions themselves may say
-    ``vectorized = True``, which is faster and lets its parameters have a batch of their own.
+    ``vectorized = True``, which is faster and lets its parameters have a batch of their own. One
+    that says ``sizes = {"n": 4, "m": 2}`` has other shapes refused by name.
 
     Source: "PyPose v0.6", section III-A, equations (1).
     """
 
     vectorized = False
+    sizes: dict[str, int] = {}
     _t: Tensor
 
     def __init__(self):
         super().__init__()
         self.register_buffer("_t", torch.zeros((), dtype=torch.int64))
-        self.register_forward_hook(lambda self, args, result: self._tick())
+        self.register_forward_hook(System._tick)
         self._last: tuple[Tensor, ...] = ()
 
     def state_transition(self, state: Tensor, input: Tensor, t: Tensor | None = None) -> Tensor:
@@ -68,10 +70,14 @@ class System(nn.Module):
         Raises:
             ValueError: for shapes, dtypes or numbers that do not fit.
         """
-        state, input = torch.atleast_1d(state), torch.atleast_1d(input)
-        check("state: n, input: m", state, input)
+        state, input = _vector("state", state), _vector("input", input)
+        self.check_point("state", state, input)
         self._last = (state.detach(), input.detach())
         return self.transition(state, input), self.observe(state, input)
+
+    def check_point(self, name: str, state: Tensor, input: Tensor | None = None) -> dict[str, int]:
+        """Returns the sizes of a state called ``name`` and an input, or says what does not fit."""
+        return check(f"{name}: n, input: m", state, input, **self.sizes)
 
     def transition(self, x: Tensor, u: Tensor, t: Tensor | int | None = None) -> Tensor:
         """Returns f(x, u, t) for any batch; the clock stays. ``t=None`` is the current time."""
@@ -134,12 +140,12 @@ class System(nn.Module):
     def reset(self, t: Tensor | int = 0) -> Self:
         """Sets the clock to step ``t``, a whole number, and returns the system."""
         value = float(t)
-        if value != round(value):
+        if not value.is_integer():
             raise ValueError(f"t: expected a whole number of steps, got {value}")
         self._t = torch.full_like(self._t, round(value))
         return self
 
-    def _tick(self) -> None:
+    def _tick(self, args, result) -> None:
         self._t = self._t + 1
 
     def _at(self, t: Tensor, function: Callable, *args) -> Any:
@@ -201,9 +207,9 @@ class NLS(System):
         """Sets where ``A B C D c1 c2`` are taken; what is None is that of the latest step."""
         if (state is None or input is None) and not self._last:
             raise RuntimeError("set_refpoint: no step was taken yet, so give state and input")
-        state = self._last[0] if state is None else torch.atleast_1d(state)
-        input = self._last[1] if input is None else torch.atleast_1d(input)
-        check("state: n, input: m", state, input)
+        state = self._last[0] if state is None else _vector("state", state)
+        input = self._last[1] if input is None else _vector("input", input)
+        self.check_point("state", state, input)
         self._reference = (state, input, self._t if t is None else torch.as_tensor(t))
         return self
 
@@ -263,10 +269,9 @@ class LTI(System):
     c1 = property(lambda self: self._c1, doc="Constant of the transition, (..., n), or None.")
     c2 = property(lambda self: self._c2, doc="Constant of the observation, (..., p), or None.")
 
-    def forward(self, state, input):
-        """Returns the next state and the observation; see :meth:`System.forward`."""
-        check("A: n n, B: n m, state: n, input: m", self.A, self.B, state, input)
-        return super().forward(state, input)
+    def check_point(self, name, state, input=None):
+        """Returns n and m, which are those of A and B; see :meth:`System.check_point`."""
+        return check(f"A: n n, B: n m, {name}: n, input: m", self.A, self.B, state, input)
 
     def set_refpoint(self, state=None, input=None, t=None) -> Self:
         """Returns the system: a linear one is the same at every point."""
@@ -339,6 +344,13 @@ class LTV(LTI):
         return tuple(torch.stack(part) for part in zip(*steps))
 
 
+def _vector(name: str, x: Tensor) -> Tensor:
+    """Returns x with at least one dimension; a number is a vector of one."""
+    if not isinstance(x, Tensor):
+        raise ValueError(f"{name}: expected a floating-point tensor, got {type(x).__name__}")
+    return torch.atleast_1d(x)
+
+
 def _affine(M: Tensor, x: Tensor, N: Tensor, u: Tensor, c: Tensor | None) -> Tensor:
     y = bmv(M, x) + bmv(N, u)
     return y if c is None else y + c
@@ -348,6 +360,8 @@ def _expand(x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
     """Gives states and inputs the same leading dimensions."""
     if x.shape[:-1] == u.shape[:-1]:
         return x, u
+    if u.ndim == 1:  # the quick way for one input, as broadcast_shapes is slow
+        return x, u.expand(*x.shape[:-1], -1)
     batch = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1])
     return x.expand(*batch, -1), u.expand(*batch, -1)
 

@@ -30,6 +30,7 @@ def connect(
     *,
     gait: str = "trot",
     speed_limit: float | None = None,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     log: str | Path | None = None,
     realtime: bool | None = None,
     simulation: Simulation | None = None,
@@ -45,6 +46,7 @@ def connect(
             that is not renewed is stale.
         gait: "trot", "run" or "stairs": whose limits hold.
         speed_limit: m/s, a further limit.
+        start: (x, y, heading) in m and rad that `pose` says where the robot stands now.
         log: a CSV file to write the run to.
         realtime: whether a simulated or recorded robot lives by the wall clock. If not (as by
             default), its time passes in `wait` alone, as fast as the computer goes and the same
@@ -60,7 +62,9 @@ def connect(
         raise ValueError(f"simulation: only for 'sim', not for {address!r}")
     if realtime is False and address.startswith("udp:"):
         raise ValueError("realtime: a robot on UDP lives by the wall clock")
-    pilot = Pilot(level_flag, command_timeout, margin=2.0 / rate, speed_limit=speed_limit)
+    if not all(map(math.isfinite, start)):
+        raise ValueError(f"start: expected finite numbers, got {start!r}")
+    pilot = Pilot(level_flag, command_timeout, 2.0 / rate, speed_limit, start)
     closers = contextlib.ExitStack()
     try:
         if address.startswith("udp:"):

@@ -31,9 +31,10 @@ class Pilot:
         timeout: s, after which a command expires and a state is stale.
         margin: s, by which a command expires earlier, so that zero is out in time.
         speed_limit: m/s, or None for the limits of the gait alone.
+        start: (x, y, heading) in m and rad, what `pose` says where the robot first stood.
 
     Attributes:
-        origin: the odometry's (x, y, heading) that `pose` counts from.
+        origin: the odometry's (x, y, heading) there.
         events: the latest (time, text) of all that went another way than asked.
         news: how many states with a new content were heard.
         refused: how many datagrams were no good state.
@@ -45,9 +46,10 @@ class Pilot:
         timeout: float = 0.4,
         margin: float = 0.0,
         speed_limit: float | None = None,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
         self.level_flag, self.timeout, self.speed_limit = level_flag, timeout, speed_limit
-        self.origin = (0.0, 0.0, 0.0)
+        self.start, self.origin = start, (0.0, 0.0, 0.0)
         self.events: deque[tuple[float, str]] = deque(maxlen=1000)
         self.news = self.refused = 0
         self._patience = timeout - margin
@@ -70,10 +72,12 @@ class Pilot:
         down = self._asked[0].mode in (Mode.LIE_DOWN, Mode.DAMP)
         if down and command.mode in (Mode.IDLE, Mode.STAND, Mode.WALK):
             raise RuntimeError("the robot lies or is limp: stand_up() first")
-        held, notes = vet(replace(command, level_flag=self.level_flag))
-        if self.speed_limit is not None and (slow := slower(held, self.speed_limit)) != held:
+        command, notes = replace(command, level_flag=self.level_flag), []
+        if self.speed_limit is not None and (slow := slower(command, self.speed_limit)) != command:
             notes.append(f"speed: held to the limit of {self.speed_limit:g} m/s")
-            held = slow
+            command = slow
+        held, clamped = vet(command)
+        notes += clamped
         if notes and not self._notes:  # once for a row of them
             self.events.append((now, "; ".join(notes)))
         self._notes = notes
@@ -135,12 +139,16 @@ class Pilot:
         return heard[0]
 
     def pose(self, now: float) -> tuple[float, float, float]:
-        """Where it is, (x, y, heading) in m and rad, seen from `origin`."""
+        """Where it is, (x, y, heading) in m and rad, counted from `start`."""
         x, y, heading = odometry(self.state(now))
-        x0, y0, heading0 = self.origin
-        c, s = math.cos(heading0), math.sin(heading0)
-        turned = math.remainder(heading - heading0, 2 * math.pi)
-        return c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0), turned
+        (x0, y0, heading0), (xs, ys, heading_s) = self.origin, self.start
+        turn = heading_s - heading0
+        c, s, dx, dy = math.cos(turn), math.sin(turn), x - x0, y - y0
+        return (
+            xs + c * dx - s * dy,
+            ys + s * dx + c * dy,
+            math.remainder(heading + turn, 2 * math.pi),
+        )
 
 
 def odometry(state: HighState) -> tuple[float, float, float]:

@@ -112,6 +112,16 @@ def test_the_pose_is_seen_from_where_the_robot_stood_first(heading):
     assert pilot.pose(0.1) == pytest.approx((2.0, 0.5, 0.4), abs=1e-5)
 
 
+def test_the_pose_can_be_counted_from_a_start_of_ones_own():
+    plain, placed = Pilot(), Pilot(start=(1.0, 2.0, -math.pi / 2))
+    for pilot in (plain, placed):
+        pilot.hear(packet(5.0, -3.0, 0.7), 0.0)
+        pilot.hear(packet(5.5, -2.0, 1.9), 0.1)
+    x, y, heading = plain.pose(0.1)
+    # ahead of who looks down the page is down, and to the left is right
+    assert placed.pose(0.1) == pytest.approx((1.0 + y, 2.0 - x, heading - math.pi / 2))
+
+
 def test_a_clamped_command_is_told_once_for_a_row_of_them():
     pilot = heard(1.0)
     for _ in range(5):

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from .models import DubinsCar
 from .mpc import MPC, shift
+from .shapes import check
 
 LENGTH = 4 * math.pi  # m, of the whole path
 PROCESS_NOISE = 0.005  # standard deviation of every state component, every step
@@ -151,9 +152,14 @@ def drive(
         tolerance: metres.
         steps: how many at most.
         generator: for the noise, and for the first estimate, drawn with PRIOR.
+
+    The car's clock is put back and the robot is stopped at the end, also after an error.
     """
+    if steps < 1:
+        raise ValueError(f"steps: expected at least one, got {steps}")
     car = DubinsCar() if car is None else car
     x = waypoints()[0] if x_init is None else x_init
+    check("x_init: n", x, n=4)
     path, eye = waypoints(x.dtype, x.device), torch.eye(4, dtype=x.dtype, device=x.device)
     simulated = SimulatedCar(car, x, process_noise, observation_noise, generator)
     world = simulated if robot is None else RealRobot(robot, car.dt, x)
@@ -161,25 +167,27 @@ def drive(
     X, P = SimulatedCar(car, x, 0, PRIOR, generator).look(), (PRIOR**2 * eye).expand(*x.shape, 4)
     goal, warm = torch.ones(x.shape[:-1], dtype=torch.int64, device=x.device), list[Tensor]()
     start, xs, log = car.systime, [x], list[tuple[Tensor, ...]]()
-    for _ in range(steps):
-        y = world.look()  # (1)
-        X = y if estimator is None else X
-        near = torch.linalg.vector_norm((X - path[goal.clamp(max=16)])[..., :2], dim=-1)
-        goal = goal + ((near <= tolerance) & (goal < 17))
-        running = goal < 17
-        if not running.any():
-            break
-        target = path[goal.clamp(max=16)] if aim is None else aim(X, goal.clamp(max=16))
-        plan = mpc(car.dt, X, target, *warm)[1]
-        warm = [shift(plan)] if isinstance(mpc, MPC) else []
-        u = torch.where(running[..., None], plan[..., 0, :], 0)  # (2)
-        log.append((u, y, X, P, goal, running))
-        if estimator is not None:
-            X, P = estimator(X, y, u, P, Q, R)  # (3)
-        xs.append(world.move(u, running))  # (4)
-    car.reset(start)
-    if robot is not None:
-        robot.stop()
+    try:
+        for _ in range(steps):
+            y = world.look()  # (1)
+            X = y if estimator is None else X
+            near = torch.linalg.vector_norm((X - path[goal.clamp(max=16)])[..., :2], dim=-1)
+            goal = goal + ((near <= tolerance) & (goal < 17))
+            running = goal < 17
+            if not running.any():
+                break
+            target = path[goal.clamp(max=16)] if aim is None else aim(X, goal.clamp(max=16))
+            plan = mpc(car.dt, X, target, *warm)[1]
+            warm = [shift(plan)] if isinstance(mpc, MPC) else []
+            u = torch.where(running[..., None], plan[..., 0, :], 0)  # (2)
+            log.append((u, y, X, P, goal, running))
+            if estimator is not None:
+                X, P = estimator(X, y, u, P, Q, R)  # (3)
+            xs.append(world.move(u, running))  # (4)
+    finally:
+        car.reset(start)
+        if robot is not None:
+            robot.stop()
     return _run(xs, log, estimator is not None, ~running)
 
 

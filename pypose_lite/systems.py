@@ -34,8 +34,9 @@ class System(nn.Module):
 
     A function may be written for one sample, ``state (n,)`` and ``input (m,)``: batches are then
     mapped over it. A subclass whose functions handle leading dimensions themselves may say
-    ``vectorized = True``, which is faster and lets its parameters have a batch of their own. One
-    that says ``sizes = {"n": 4, "m": 2}`` has other shapes refused by name.
+    ``vectorized = True``, which is faster and lets its parameters have a batch of their own; its
+    ``t`` then comes as ``(..., 1)``, like a state. One that says ``sizes = {"n": 4, "m": 2}`` has
+    other shapes refused by name.
 
     Source: "PyPose v0.6", section III-A, equations (1).
     """
@@ -171,7 +172,11 @@ class System(nn.Module):
         def many(x, u):
             x, u = _expand(x, u)
             if self.vectorized:
-                return self._at(t, function, *(x, u, t)[: args + 1])
+                y = self._at(t, function, *(x, u, t.unsqueeze(-1))[: args + 1])
+                if t.ndim and y.shape[:-1] != x.shape[:-1]:
+                    want = f"expected a batch {tuple(x.shape[:-1])}, got {tuple(y.shape[:-1])}"
+                    raise ValueError(f"{function.__name__}: {want}; t comes as (..., 1)")
+                return y
             if x.ndim == 1:
                 return one(x, u, t)
             rows = [z.reshape(-1, z.shape[-1]) for z in (x, u)]
@@ -336,11 +341,12 @@ class LTV(LTI):
 
     def _at_time(self, function, matrices, x, u, t, wrt):
         t = self._t if t is None else torch.as_tensor(t)
-        if t.ndim == 0:
-            return super()._at_time(function, matrices, x, u, t, wrt)
-        x, u = _expand(x, u)
-        rows = zip(x, u, t.reshape(len(x)), strict=True)  # one time step for each leading row
-        steps = [super(LTV, self)._at_time(function, matrices, *row, wrt) for row in rows]
+        if t.numel() == 1:
+            return super()._at_time(function, matrices, x, u, t.reshape(()), wrt)
+        lead = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1], t.shape)
+        t = t.reshape(*[1] * (len(lead) - t.ndim), *t.shape)
+        rows = zip(x.expand(*lead, -1), u.expand(*lead, -1), t.expand(lead[0], *t.shape[1:]))
+        steps = [self._at_time(function, matrices, *row, wrt) for row in rows]
         return tuple(torch.stack(part) for part in zip(*steps))
 
 
@@ -380,6 +386,9 @@ def _jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tens
         y, pull = torch.func.vjp(function, x, u)[:2]
     else:
         y, pull = torch.func.vjp(lambda x: function(x, u), x)[:2]
+    if y.shape[:-1] != x.shape[:-1]:  # parameters have a batch of their own
+        x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
+        return _jacobians(function, x, u, wrt)
     p = y.shape[-1]
     rows = torch.eye(p, dtype=y.dtype, device=y.device)
     rows = rows.reshape(p, *[1] * (y.ndim - 1), p).expand(p, *y.shape)

@@ -317,6 +317,7 @@ def test_the_dtype_is_that_of_the_points(dtype):
         (lambda: chspline(points(3, 2), derivative=3), "derivative: expected 0, 1 or 2, got 3"),
         (lambda: hermite(points(3, 2), points(2, 2)), r"tangents: expected \(\.\.\., N=3, w=2\)"),
         (lambda: hermite(poses(3), points(3, 7)), r"tangents: expected \(\.\.\., N=3, w=6\)"),
+        (lambda: hermite_segments(*[points(1, 2)] * 3), "points: expected .* N >= 2"),
         (
             lambda: hermite_segments(points(3, 2), points(2, 2), points(3, 2)),
             r"arriving: expected \(\.\.\., S=2, w=2\), got \(3, 2\)",

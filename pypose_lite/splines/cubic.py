@@ -29,7 +29,8 @@ def chspline(points: Any, interval: float = 0.1, derivative: int = 0) -> Tensor:
         points: (..., N, d), or `SE3` (..., N, 7); N at least 2.
         interval: in (0, 1].
         derivative: 0 for the points; 1 or 2 for that derivative, per unit of the parameter (of
-            poses: the body twist (..., 6) and its rate).
+            poses: the body twist (..., 6) and its rate). The second jumps at the points: there
+            it is that of the segment that begins.
 
     Raises:
         ValueError: fewer than 2 points, an interval outside (0, 1], numbers that are not finite.
@@ -81,7 +82,7 @@ def hermite_segments(points: Tensor, leaving: Tensor, arriving: Tensor) -> Splin
         leaving: the derivative (..., S, d) at the segments' starts; for poses, (..., S, 6).
         arriving: the derivative at their ends.
     """
-    S = points.shape[-2] - 1
+    S = _count("points", points, 2) - 1
     spec = "points: N d, leaving: S w, arriving: S w"
     check(spec, points, leaving, arriving, S=S, w=_width(points))
     first, last, legs = leaving / 3, arriving / 3, _legs(points)
@@ -108,12 +109,18 @@ def _knots(name: str, data: Any, least: int) -> Tensor:
     """The points as a floating tensor, or the poses with their quaternions made unit."""
     x = data if isinstance(data, Tensor) else torch.as_tensor(data)
     x = x if x.is_floating_point() else x.to(torch.get_default_dtype())
-    check(f"{name}: N d", x)
-    if x.shape[-2] < least:
-        raise ValueError(f"{name}: expected (..., N >= {least}, d), got {tuple(x.shape)}")
+    _count(name, x, least)
     if isinstance(x, SE3):
         return SE3(torch.cat([x.translation(), so3_normalize(x.rotation())], -1))
     return x
+
+
+def _count(name: str, x: Tensor, least: int) -> int:
+    """The number of points or poses."""
+    N = check(f"{name}: N d", x)["N"]
+    if N < least:
+        raise ValueError(f"{name}: expected (..., N >= {least}, d), got {tuple(x.shape)}")
+    return N
 
 
 def _width(points: Tensor) -> int:

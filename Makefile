@@ -2,12 +2,13 @@
 # make test    everything that CI checks
 # make lab     the chapters in JupyterLab
 # make page CHAPTER=03_mpc   one chapter alone, run and built, to look at
+# make picture               the README's picture, from the opening page
 # make bench   speed beside other libraries, as ratios
 # make clean   removes what these made, .venv excepted
 
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
-.PHONY: book test lab page bench clean lint chapters site
+.PHONY: book test lab page picture bench clean lint chapters site
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -60,6 +61,9 @@ page: build/executed/$(CHAPTER).ipynb build/npm/.complete
 	cp -p build/npm/*.js build/page/static
 	$(JUPYTER_BOOK) build/page
 	@printf '\nThe page: file://%s\n' "$(CURDIR)/build/page/_build/html/$(CHAPTER).html"
+
+picture: build/executed/index.ipynb
+	python book/site/picture.py $< book/infinity.gif
 
 lab: .venv/.installed
 	@JUPYTER_CONFIG_DIR=build/lab jupytext-config set-default-viewer python

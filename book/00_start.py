@@ -22,6 +22,7 @@
 # </details>
 
 # %%
+import ipywidgets
 import matplotlib.pyplot as plt
 import torch
 
@@ -60,6 +61,9 @@ def draw(k: int):
 
 
 widgets.panels(draw, [1, 10, 30, 40], "steps")
+
+# %% tags=["remove-cell"]
+widgets.live(draw, k=ipywidgets.IntSlider(10, 1, 40))
 
 # %%
 animate(draw, 50)

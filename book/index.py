@@ -61,7 +61,7 @@ def draw(k: int):
 animate(draw, len(run.x) // 2 + 1, seconds=0.2)
 
 # %%
-distance = torch.cdist(infinity.waypoints()[:, :2], run.x[:, :2])  # each waypoint to each step
+distance = torch.cdist(infinity.waypoints()[:, :2], run.x[:, :2])  # to each step
 claim("waypoints", (distance.amin(1) <= infinity.TOLERANCE).sum(), equals=17)
 claim("in_order", run.finished & (run.goal.diff() >= 0).all(), equals=True)
 claim("end_error", run.x[-1, :2].norm(), below=0.1, unit="m")
@@ -81,10 +81,10 @@ claim("largest_error", infinity.tracking_error(run.x).max(), below=0.1, unit="m"
 # they are printed. One loop holds everything together:
 #
 # ```
-# look:      y[i]        = g(x[i], u[i]) + v          a noisy observation
-# plan:      u[i]        = mpc(dt, X[i], target)      the inputs for the next second, the first is used
-# estimate:  X[i+1], P   = ekf(X[i], y[i], u[i], P)   where the car probably is
-# move:      x[i+1]      = f(x[i], u[i]) + w          where it really is
+# look:      y[i]      = g(x[i], u[i]) + v          # a noisy observation
+# plan:      u[i]      = mpc(dt, X[i], target)      # a second ahead; the first input counts
+# estimate:  X[i+1], P = ekf(X[i], y[i], u[i], P)   # where the car probably is
+# move:      x[i+1]    = f(x[i], u[i]) + w          # where it really is
 # ```
 #
 # | Chapter | Its question |

@@ -19,7 +19,7 @@ BOOK = Path(__file__).parent.parent
 
 
 def stage(executed: Path, target: Path, page: str = "*") -> None:
-    """Makes ``target`` hold all pages, or the one asked for; what has not changed is not touched."""
+    """Makes ``target`` hold all pages, or the one asked for."""
     claims, pages = gather(executed), {}
     for path in executed.glob(f"{page}.ipynb"):
         notebook = nbformat.read(path, as_version=4)

@@ -1,0 +1,88 @@
+"""A chapter in JupyterLab: it opens as a notebook, runs, and its sliders compute."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from urllib.request import urlopen
+
+import jupytext
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CHAPTER = ROOT / "book" / "00_start.py"
+
+playwright = pytest.importorskip("playwright.sync_api")
+
+
+@pytest.fixture
+def lab(browser, tmp_path):
+    """The address of a JupyterLab that serves a copy of the chapter and draws all its cells."""
+    jupytext.write(jupytext.read(CHAPTER), tmp_path / "chapter.ipynb")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    options = ["--no-browser", "--ip=127.0.0.1", f"--port={port}", "--allow-root"]
+    options += ["--IdentityProvider.token=", "--LabApp.news_url=None", "--ServerApp.port_retries=0"]
+    overrides = tmp_path / "CONFIG" / "labconfig" / "default_setting_overrides.json"
+    overrides.parent.mkdir(parents=True)
+    overrides.write_text('{"@jupyterlab/notebook-extension:tracker": {"windowingMode": "none"}}')
+    settings = {f"JUPYTER_{kind}_DIR": str(tmp_path / kind) for kind in ("CONFIG", "DATA")}
+    server = subprocess.Popen(
+        [sys.executable, "-m", "jupyterlab", *options],
+        cwd=tmp_path,
+        env=os.environ | settings,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield await_answer(f"http://127.0.0.1:{port}")
+    finally:
+        server.terminate()
+        server.wait(timeout=30)
+
+
+def await_answer(address):
+    """The address, once it answers."""
+    for _ in range(120):
+        try:
+            urlopen(f"{address}/api", timeout=5)
+        except OSError:
+            time.sleep(0.5)
+        else:
+            return address
+    pytest.fail("JupyterLab did not start within a minute")
+
+
+@pytest.fixture
+def notebook(lab, page):
+    """The chapter in JupyterLab, after all its cells have run."""
+    page.goto(f"{lab}/lab/tree/chapter.ipynb?reset")
+    page.locator(".jp-Notebook").wait_for(state="visible")
+    indicator = page.locator('.jp-NotebookPanel-toolbar [data-status="idle"]')
+    indicator.first.wait_for(state="visible")
+    page.get_by_text("Run", exact=True).first.click()
+    page.get_by_text("Run All Cells", exact=True).click()
+    last = page.locator(".jp-CodeCell .jp-InputPrompt").last
+    playwright.expect(last).to_have_text(f"[{code_cells()}]:", timeout=180_000)
+    return page
+
+
+def code_cells():
+    """How many cells the chapter has to run."""
+    return sum(cell.cell_type == "code" for cell in jupytext.read(CHAPTER).cells)
+
+
+@pytest.mark.timeout(300)
+def test_a_chapter_runs_in_jupyterlab_and_its_sliders_redraw_the_figures(notebook):
+    assert notebook.locator('[data-mime-type="application/vnd.jupyter.error"]').count() == 0
+    boxes = notebook.locator(".jp-OutputArea-output:has(.noUi-handle)")
+    assert boxes.count() > 0
+    for box in boxes.all():
+        box.scroll_into_view_if_needed()
+        picture = box.locator("img:visible").first
+        before = picture.get_attribute("src")
+        box.locator(".noUi-handle").first.press("ArrowRight")
+        playwright.expect(picture).not_to_have_attribute("src", before, timeout=30_000)

@@ -4,6 +4,7 @@ Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `implici
 differentiates what comes out.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -11,9 +12,11 @@ from torch import Tensor
 
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
+from .scan import scan, some
 from .shapes import bmv
 
-STEPS = 0.5 ** torch.arange(1, 11)  # lengths tried where the full step does not help
+FULL = torch.ones(())
+STEPS = torch.tensor([0.5, 0.2, 0.05])  # lengths tried where the full step does not help
 
 
 class Solution(NamedTuple):
@@ -27,20 +30,23 @@ class Solution(NamedTuple):
     history: Tensor  # (sweeps + 1, ...), the cost at the start and after each
 
 
-def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, step: Tensor | float = 1.0):
+def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, step: Tensor = FULL):
     """Returns states and inputs of ``u = U + step k + K (x - X)``, kept within the box.
 
     A tensor ``step (S, 1, .., 1)`` tries S lengths at once; it adds a dimension after time.
     """
-    box = problem.box(U)
-    x, xs, us = x_init, [x_init], []
-    for i, t in enumerate(problem.t):
-        change = bmv(K[i, ..., :-1], x - X[i]) + step * K[i, ..., -1]
-        change = change if box is None else torch.clamp(change, box[0][i], box[1][i])
-        us.append(problem.clip(U[i] + change, i))  # U + (upper - U) misses upper by a rounding
-        x = problem.system.transition(x, us[-1], t)
-        xs.append(x)
-    return torch.stack(torch.broadcast_tensors(*xs)), torch.stack(us)
+
+    def move(x, at):
+        t, K, X, U, *limits = at
+        u = U + step * K[..., -1] + bmv(K[..., :-1], x - X)
+        u = torch.clamp(u, *limits) if limits else u
+        return problem.system.transition(x, u, t), (x, u)
+
+    x_init = x_init.expand(torch.broadcast_shapes(x_init.shape, step.shape))
+    last, (states, inputs) = scan(
+        move, x_init, (problem.t, K, X[:-1], U, *(problem.limits(U) or ()))
+    )
+    return torch.cat([states, last[None]]), inputs
 
 
 def model(problem: Problem, X: Tensor, U: Tensor):
@@ -66,10 +72,13 @@ def curvature(problem: Problem, X: Tensor, U: Tensor, A: Tensor, q: Tensor) -> T
 def costates(A: Tensor, q: Tensor) -> Tensor:
     """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
     n = A.shape[-1]
-    costate = [torch.zeros_like(q[-1, ..., -n:])]
-    for t in range(len(A) - 1, 0, -1):
-        costate.append(q[t, ..., -n:] + bmv(A[t].mT, costate[-1]))  # (1)
-    return torch.stack(costate[::-1])
+
+    def earlier(l, at):
+        A, q = at
+        return q[..., -n:] + bmv(A.mT, l), (l,)  # (1)
+
+    l = torch.zeros_like(A[0, ..., 0] + q[0, ..., -n:])
+    return scan(earlier, l, (A, q), reverse=True)[1][0]
 
 
 def _steps(problem: Problem, X: Tensor) -> Tensor:
@@ -77,7 +86,7 @@ def _steps(problem: Problem, X: Tensor) -> Tensor:
     return problem.t.reshape(-1, *[1] * (X.ndim - 2))
 
 
-def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor):
+def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor | None):
     """Returns gains ``(T, ..., m, n+1)``, the change of cost that they promise, what failed.
 
     Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
@@ -86,14 +95,16 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     _, A, B, q, Q = model(problem, X, U)
     on_u = (torch.arange(q.shape[-1], device=q.device) < U.shape[-1]).to(q.dtype)
     Q, G = Q + torch.diag_embed(damping[..., None] * on_u), homogeneous_dynamics(A, B)
-    if exact.any():
-        curve = torch.where(exact[..., None, None], curvature(problem, X, U, A, q), 0)
-        K, V, failed = riccati(homogeneous_cost(Q + curve, q), G, problem.box(U))
-        if not failed.any():
-            return K, V[..., -1, -1] / 2, failed.amax(0) > 0
-        Q = Q + torch.where(failed.amax(0)[..., None, None] > 0, 0, curve)
-    K, V, failed = riccati(homogeneous_cost(Q, q), G, problem.box(U))
-    return K, V[..., -1, -1] / 2, failed.amax(0) > 0
+    newton = Q
+    if exact is not None:
+        newton = Q + torch.where(exact[..., None, None], curvature(problem, X, U, A, q), 0)
+    K, V, failed = riccati(homogeneous_cost(newton, q), G, problem.box(U))
+    failed = failed.amax(0) > 0
+    if exact is not None and some(failed):
+        K2, V2, failed2 = riccati(homogeneous_cost(Q, q), G, problem.box(U))
+        K, V = (torch.where(failed[..., None, None], new, old) for new, old in ((K2, K), (V2, V)))
+        failed = failed & (failed2.amax(0) > 0)
+    return K, V[..., -1, -1] / 2, failed
 
 
 def search(problem: Problem, X: Tensor, U: Tensor, cost: Tensor, K: Tensor, promised: Tensor):
@@ -106,7 +117,7 @@ def search(problem: Problem, X: Tensor, U: Tensor, cost: Tensor, K: Tensor, prom
     X1, U1 = follow(problem, X[0], X, U, K)
     cost1 = _or_infinite(problem.cost(X1, U1))
     good = cost1 <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if good.all():
+    if not some(~good):
         return X1, U1, cost1, good
     steps = STEPS.to(U).reshape(-1, *[1] * (U.ndim - 1))
     Xs, Us = follow(problem, X[0], X, U, K, steps)
@@ -152,7 +163,7 @@ class Iterate(NamedTuple):
         return Iterate(*(torch.where(d, z, w) for d, z, w in zip(masks, self, new)))
 
 
-def improve(problem: Problem, at: Iterate) -> Iterate:
+def improve(problem: Problem, at: Iterate, newton: bool) -> Iterate:
     """Returns the next iterate: one sweep, one search, and what follows from how they went.
 
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
@@ -160,7 +171,8 @@ def improve(problem: Problem, at: Iterate) -> Iterate:
     Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
     """
     eps, m = torch.finfo(at.cost.dtype).eps, at.U.shape[-1]
-    K, gain, failed = sweep(problem, at.X, at.U, at.damping, at.exact)
+    exact = at.exact if newton else None
+    K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact)
     K = torch.where(failed[..., None, None], 0, K)
     X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain)
     helped = helped & ~failed
@@ -184,7 +196,9 @@ def improve(problem: Problem, at: Iterate) -> Iterate:
 
 
 @torch.no_grad()
-def optimize(problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=None) -> Solution:
+def optimize(
+    problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=None, step: Callable = improve
+) -> Solution:
     """Returns the plan that sweeps from U lead to; its cost never rises on the way.
 
     Members of a batch ``(B,)`` that have converged take part no more.
@@ -195,6 +209,7 @@ def optimize(problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=N
         U: inputs to start from, ``(T, ..., m)``.
         sweeps: how many at most.
         stepper: may stop earlier; it is told how much cost the latest sweep hoped to gain.
+        step: :func:`improve`, or a compiled form of it.
 
     Raises:
         ValueError: where the rollout of U is not finite.
@@ -208,11 +223,12 @@ def optimize(problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=N
     alone = cost.ndim == 1 and problem.system.transition(X[0, 0], U[0, 0]).ndim == 1
     history = [cost]
     for _ in range(sweeps):
+        newton = bool((at.exact & ~at.converged).any())
         if alone and at.converged.any():
             rows = (~at.converged).nonzero()[:, 0]
-            at = at.replaced(rows, improve(problem.members(rows), at.members(rows)))
+            at = at.replaced(rows, step(problem.members(rows), at.members(rows), newton))
         else:
-            at = at.unless(at.converged, improve(problem, at))
+            at = at.unless(at.converged, step(problem, at, newton))
         history.append(at.cost)
         if stepper is not None:
             stepper.step(torch.where(at.converged, 0, at.promised))

@@ -4,12 +4,14 @@ Chapter 3 builds it; the sweeps are in `ilqr.py`, the gradient in `implicit.py`.
 """
 
 import copy
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from .ilqr import optimize
+from .compiled import CompiledSweep
+from .ilqr import improve, optimize
 from .implicit import differentiable
 from .problem import OptimalControl
 
@@ -49,6 +51,7 @@ class MPC(OptimalControl):
     def __init__(self, system, Q, p, T, stepper=None):
         super().__init__(system, Q, p, T)
         self.stepper = stepper
+        self._sweep: Callable = improve
 
     def forward(
         self, dt, x_init, target=None, u_init=None, u_lower=None, u_upper=None, du=None
@@ -76,11 +79,26 @@ class MPC(OptimalControl):
             ValueError: for arguments that do not fit, or a rollout of u_init that diverges.
         """
         problem, x_init, U = self._pose(x_init, dt, u_init, u_lower, u_upper, du, target)
-        solution = optimize(problem, x_init, U, 200, self._fresh_stepper())
+        solution = optimize(problem, x_init, U, 200, self._fresh_stepper(), self._sweep)
         if torch.is_grad_enabled() and problem.requires_grad(x_init):
             solution = differentiable(problem, x_init, solution)
         X, U, *rest = solution
         return Plan(X.movedim(0, -2), U.movedim(0, -2), *rest)
+
+    def compile(self, **options) -> None:
+        """Makes later solves faster: their sweeps are compiled when they first run.
+
+        That takes about half a minute, once for a single plan and once for batches of any size;
+        a longer horizon takes no longer. The plans stay the same, and the gradients.
+
+        Args:
+            options: for torch's inductor.
+
+        Raises:
+            RuntimeError: at the next solve, where the system cannot be compiled: its functions
+                branch on a state, print, or read ``self.systime`` instead of taking ``t``.
+        """
+        self._sweep = CompiledSweep(**options)
 
     def _fresh_stepper(self):
         stepper = copy.deepcopy(self.stepper)

@@ -35,29 +35,30 @@ class Problem(NamedTuple):
         pick = [z if z is None or z.shape[1] == 1 else z[:, rows] for z in self[2:]]
         return Problem(self.system, self.t, *pick)  # type: ignore[arg-type]
 
-    def box(self, U: Tensor) -> tuple[Tensor, Tensor] | None:
-        """Returns how far each input may go down and up from U in one sweep, or None."""
+    def limits(self, U: Tensor) -> tuple[Tensor, Tensor] | None:
+        """Returns the least and the largest inputs that a sweep from U may choose, or None."""
         if self.lower is None and self.upper is None and self.du is None:
             return None
         free = torch.full_like(U, torch.inf)
+        lower = -free if self.lower is None else self.lower
+        upper = free if self.upper is None else self.upper
         du = free if self.du is None else self.du
-        down = -free if self.lower is None else self.lower - U
-        up = free if self.upper is None else self.upper - U
-        return torch.maximum(down, -du), torch.minimum(up, du)
+        return torch.maximum(lower, U - du), torch.minimum(upper, U + du)
+
+    def box(self, U: Tensor) -> tuple[Tensor, Tensor] | None:
+        """Returns how far each input may go down and up from U in one sweep, or None."""
+        limits = self.limits(U)
+        return None if limits is None else (limits[0] - U, limits[1] - U)
 
     def near(self, U: Tensor) -> "Problem":
         """Returns the problem whose bounds keep every input within ``du`` of U."""
-        if self.du is None:
-            return self
-        lower, upper = U - self.du, U + self.du
-        lower = lower if self.lower is None else torch.maximum(lower, self.lower)
-        upper = upper if self.upper is None else torch.minimum(upper, self.upper)
-        return self._replace(lower=lower, upper=upper, du=None)
+        limits = self.limits(U)
+        return self if limits is None else self._replace(lower=limits[0], upper=limits[1], du=None)
 
-    def clip(self, U: Tensor, t: int | slice = slice(None)) -> Tensor:
-        """Returns the inputs of step t, or of all steps, within their bounds."""
-        U = U if self.lower is None else torch.maximum(U, self.lower[t])
-        return U if self.upper is None else torch.minimum(U, self.upper[t])
+    def clip(self, U: Tensor) -> Tensor:
+        """Returns the inputs within their bounds."""
+        U = U if self.lower is None else torch.maximum(U, self.lower)
+        return U if self.upper is None else torch.minimum(U, self.upper)
 
     def cost(self, X: Tensor, U: Tensor) -> Tensor:
         """Returns the total cost ``(...)`` of ``X (T+1, ..., n)`` and ``U (T, ..., m)``."""

@@ -11,7 +11,8 @@ Chapter 2 derives it.
 import torch
 from torch import Tensor
 
-from .shapes import bmv, check
+from .scan import scan, solve_positive
+from .shapes import bmm, bmv, check
 
 Box = tuple[Tensor, Tensor]
 
@@ -55,16 +56,15 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
     Source: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming" (2014).
     """
     m = M.shape[-1] - V.shape[-1]
-    H = M + G.mT @ V @ G  # (1)
+    H = M + bmm(G.mT, bmm(V, G))  # (1)
     Huu, Hu = H[..., :m, :m], H[..., :m, m:]
     if box is None:
-        L, failed = torch.linalg.cholesky_ex(Huu)
-        K = -torch.cholesky_solve(Hu, L)  # (2)
+        K, failed = solve_positive(Huu, -Hu)  # (2)
     else:
         K, failed = _clamped_gains(Huu, Hu, *box)  # (2')
     eye = torch.eye(V.shape[-1], dtype=V.dtype, device=V.device)
     W = torch.cat([K, eye.expand(*K.shape[:-2], *eye.shape)], dim=-2)
-    return W.mT @ H @ W, K, failed  # (3)
+    return bmm(W.mT, bmm(H, W)), K, failed  # (3)
 
 
 def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
@@ -75,14 +75,16 @@ def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
         G: dynamics of the T steps, ``(T, ..., n+1, m+n+1)``.
         box: bounds, ``(T, ..., m)`` each, or None.
     """
-    V = torch.zeros_like(G[0, ..., : G.shape[-2]])
-    gains, failures = [], []
-    for t in reversed(range(len(G))):
-        bounds = None if box is None else (box[0][t], box[1][t])
-        V, K, failed = riccati_step(V, M[t], G[t], bounds)
-        gains.append(K)
-        failures.append(failed)
-    return torch.stack(gains[::-1]), V, torch.stack(failures[::-1])
+    batch = torch.broadcast_shapes(M.shape[1:-2], G.shape[1:-2])
+
+    def step(V, at):
+        M, G, *bounds = at
+        V, *rest = riccati_step(V, M, G, (bounds[0], bounds[1]) if bounds else None)
+        return V, tuple(rest)
+
+    V = G.new_zeros(*batch, G.shape[-2], G.shape[-2])
+    V, (K, failed) = scan(step, V, (M, G, *(box or ())), reverse=True)
+    return K, V, failed
 
 
 def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:
@@ -106,8 +108,7 @@ def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[T
     free = (~clamped).to(Huu.dtype)
     rest = torch.cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at)).unsqueeze(-1)], dim=-1)
     held = Huu * free.unsqueeze(-1) * free.unsqueeze(-2) + torch.diag_embed(1 - free)
-    L, failed = torch.linalg.cholesky_ex(held)
-    K = -torch.cholesky_solve(rest * free.unsqueeze(-1), L)
+    K, failed = solve_positive(held, -rest * free.unsqueeze(-1))
     return torch.cat([K[..., :-1], (K[..., -1] + at).unsqueeze(-1)], dim=-1), failed
 
 

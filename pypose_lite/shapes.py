@@ -119,7 +119,16 @@ def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=F
 
 def bmv(mat: Tensor, vec: Tensor) -> Tensor:
     """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
+    if torch.compiler.is_compiling():
+        return (mat * vec.unsqueeze(-2)).sum(-1)  # which the compiler fuses
     return (mat @ vec.unsqueeze(-1)).squeeze(-1)
+
+
+def bmm(lmat: Tensor, rmat: Tensor) -> Tensor:
+    """Batched matrix product: ``(..., n, k), (..., k, m) -> (..., n, m)``."""
+    if torch.compiler.is_compiling():
+        return (lmat.unsqueeze(-1) * rmat.unsqueeze(-3)).sum(-2)
+    return lmat @ rmat
 
 
 def bvv(lvec: Tensor, rvec: Tensor) -> Tensor:

@@ -7,7 +7,6 @@ with the time step ``t`` as an argument or without. Calling the system takes one
 its clock; nothing else does. Chapter 1 builds this file from scratch.
 """
 
-import functools
 import inspect
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
@@ -43,7 +42,14 @@ class System(nn.Module):
 
     vectorized = False
     sizes: dict[str, int] = {}
+    _arguments: dict[str, int] = {}
     _t: Tensor
+
+    def __init_subclass__(cls, **kwargs):
+        """Notes which of the user's functions take the time: 3 arguments, or 2."""
+        super().__init_subclass__(**kwargs)
+        functions = (cls.state_transition, cls.observation)
+        cls._arguments = {f.__name__: len(inspect.signature(f).parameters) - 1 for f in functions}
 
     def __init__(self):
         super().__init__()
@@ -151,6 +157,8 @@ class System(nn.Module):
 
     def _at(self, t: Tensor, function: Callable, *args) -> Any:
         """Calls ``function`` while the clock shows ``t``, and puts the clock back."""
+        if torch.compiler.is_compiling():  # which allows no side effect; MPC.compile checks
+            return function(*args)
         now, self._buffers["_t"] = self._buffers["_t"], t
         try:
             return function(*args)
@@ -164,15 +172,15 @@ class System(nn.Module):
         state, ``torch.tensor([[t]])``) is looped over, so that the user's own errors arrive.
         """
         t = self._t if t is None else torch.as_tensor(t)
-        args = 2 if _takes_time(function.__func__) else 1  # type: ignore[attr-defined]
+        args = self._arguments[function.__name__]
 
         def one(x, u, t):
-            return self._at(t, function, *(x, u, t)[: args + 1]).reshape(-1)  # (1, n) becomes (n,)
+            return self._at(t, function, *(x, u, t)[:args]).reshape(-1)  # (1, n) becomes (n,)
 
         def many(x, u):
             x, u = _expand(x, u)
             if self.vectorized:
-                y = self._at(t, function, *(x, u, t.unsqueeze(-1))[: args + 1])
+                y = self._at(t, function, *(x, u, t.unsqueeze(-1))[:args])
                 if t.ndim and y.shape[:-1] != x.shape[:-1]:
                     want = f"expected a batch {tuple(x.shape[:-1])}, got {tuple(y.shape[:-1])}"
                     raise ValueError(f"{function.__name__}: {want}; t comes as (..., 1)")
@@ -370,11 +378,6 @@ def _expand(x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         return x, u.expand(*x.shape[:-1], -1)
     batch = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1])
     return x.expand(*batch, -1), u.expand(*batch, -1)
-
-
-@functools.cache
-def _takes_time(function: Callable) -> bool:
-    return len(inspect.signature(function).parameters) > 3  # self, state, input, t
 
 
 def _jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tensor, ...]:

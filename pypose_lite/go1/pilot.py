@@ -1,15 +1,24 @@
 """The safety rules: what goes out now, and whether what came in is fresh.
 
-No socket, no clock and no thread: the caller says what time it is. One thread may ask and
-another send and hear, without a lock: every attribute is written by one of them alone.
+No socket, no clock and no thread of its own: the caller says what time it is. Those who ask share
+a lock. The one who sends and hears needs none, so that nobody can hold it up: whatever it reads
+is written in one assignment.
 """
 
 import math
+import threading
 from collections import deque
 from dataclasses import replace
 
 from .commands import Mode, slower, still, vet
-from .protocol import HIGH_LEVEL, HighCmd, HighState, ProtocolError, decode_state
+from .protocol import (
+    HIGH_LEVEL,
+    HighCmd,
+    HighState,
+    ProtocolError,
+    decode_state,
+    encode_command,
+)
 
 REMEMBERED = 32  # contents of states, 0.6 s of them: one that comes again is old, not news
 
@@ -53,41 +62,56 @@ class Pilot:
         self.events: deque[tuple[float, str]] = deque(maxlen=1000)
         self.news = self.refused = 0
         self._patience = timeout - margin
-        self._asked = (HighCmd(level_flag=level_flag), -math.inf)  # written by who asks
-        self._notes: list[str] = []  # by who asks
-        self._heard: tuple[HighState, float] | None = None  # by who hears
-        self._recent: deque[bytes] = deque(maxlen=REMEMBERED)  # by who hears
-        self._stale_at = -math.inf  # by who sends: when the state was last seen stale
-        self._held = False  # by who sends: whether a motion is being held back
+        self._lock = threading.Lock()  # of those who ask
+        self._asked = (HighCmd(level_flag=level_flag), -math.inf)
+        self._notes: list[str] = []
+        self._over = False
+        self._heard: tuple[HighState, float] | None = None  # from here on: of who sends and hears
+        self._recent: deque[bytes] = deque(maxlen=REMEMBERED)
+        self._stale_at = -math.inf  # when the state was last seen stale
+        self._held = False  # whether a motion is being held back
 
     def ask(self, command: HighCmd, now: float) -> HighCmd:
         """The command that goes out from now on, clamped to the limits; `events` says where.
 
         Raises:
             RobotTimeout: the state is stale.
-            RuntimeError: the robot lies or is limp, and has to stand up first.
+            RuntimeError: the robot is closed, or it lies or is limp and has to stand up first.
             ValueError: see `commands.vet`.
         """
-        self.state(now)
-        down = self._asked[0].mode in (Mode.LIE_DOWN, Mode.DAMP)
-        if down and command.mode in (Mode.IDLE, Mode.STAND, Mode.WALK):
-            raise RuntimeError("the robot lies or is limp: stand_up() first")
-        command, notes = replace(command, level_flag=self.level_flag), []
-        if self.speed_limit is not None and (slow := slower(command, self.speed_limit)) != command:
-            notes.append(f"speed: held to the limit of {self.speed_limit:g} m/s")
-            command = slow
-        held, clamped = vet(command)
-        notes += clamped
-        if notes and not self._notes:  # once for a row of them
-            self.events.append((now, "; ".join(notes)))
-        self._notes = notes
-        self._asked = held, now
+        with self._lock:
+            self._may_ask(command.mode)
+            self.state(now)
+            command, notes = replace(command, level_flag=self.level_flag), []
+            slow = command if self.speed_limit is None else slower(command, self.speed_limit)
+            if slow != command:
+                notes.append(f"speed: held to the limit of {self.speed_limit:g} m/s")
+            held, clamped = vet(slow)
+            encode_command(held)  # what does not fit is refused here, not in the sender's thread
+            self._asked = held, now
+            self._report(notes + clamped, now)
         return held
 
-    def halt(self, mode: int | None = None) -> None:
+    def halt(self, mode: int | None = None, for_good: bool = False) -> None:
         """Zero velocity from now on, whatever the state is, in that mode or the present one."""
-        command = still(self._asked[0])
-        self._asked = (command if mode is None else replace(command, mode=mode)), -math.inf
+        with self._lock:
+            command = still(self._asked[0])
+            self._asked = (command if mode is None else replace(command, mode=mode)), -math.inf
+            self._over = self._over or for_good
+
+    def _may_ask(self, mode: int) -> None:
+        """Raises RuntimeError where that mode cannot follow the present one."""
+        if self._over:
+            raise RuntimeError("the robot is closed")
+        down = self._asked[0].mode in (Mode.LIE_DOWN, Mode.DAMP)
+        if down and mode in (Mode.IDLE, Mode.STAND, Mode.WALK):
+            raise RuntimeError("the robot lies or is limp: stand_up() first")
+
+    def _report(self, notes: list[str], now: float) -> None:
+        """Adds to the events what was held back: once for a row of commands."""
+        if notes and not self._notes:
+            self.events.append((now, "; ".join(notes)))
+        self._notes = notes
 
     def command(self, now: float) -> HighCmd:
         """What goes out now."""

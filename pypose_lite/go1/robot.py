@@ -54,7 +54,6 @@ class Robot:
         self.address, self.pilot, self.simulator, self.sent = address, pilot, line.simulator, 0
         self._transport, self._pace, self._guardian = line.transport, line.pace, line.guardian
         self._gait, self._log, self._closers = gait, log, closers
-        self._closed = False
         self._began = 0.0  # when the first state came
         idle = HighCmd(level_flag=pilot.level_flag)
         self._packets = (idle, encode_command(idle), encode_command(idle))
@@ -105,8 +104,6 @@ class Robot:
 
     def send(self, command: HighCmd) -> HighCmd:
         """Repeats that command from now on, clamped; see `Pilot.ask` for what is refused."""
-        if self._closed:
-            raise RuntimeError("the robot is closed")
         return self.pilot.ask(command, self._pace.now())
 
     def stop(self) -> None:
@@ -142,8 +139,7 @@ class Robot:
 
     def close(self) -> None:
         """Sends zero velocity for `FAREWELL` seconds and lets go of the robot."""
-        self.pilot.halt()
-        self._closed = True
+        self.pilot.halt(for_good=True)
         self._closers.close()
 
     def __enter__(self) -> Self:

@@ -136,6 +136,7 @@ def test_a_closed_robot_says_so(call):
     arguments = {"move": (0.1, 0.0), "send": (go1.protocol.HighCmd(),)}.get(call, ())
     with pytest.raises(RuntimeError, match="the robot is closed"):
         getattr(robot, call)(*arguments)
+    assert not moving(robot.pilot.command(0.0))
     robot.close()  # a second time does nothing
 
 
@@ -215,6 +216,36 @@ def test_nan_and_infinity_are_refused_and_nothing_moves(watch, bad):
             seen.robot.move(*arguments)
     seen.robot.wait(0.1)
     assert not any(moving(command) for _, command in seen.sent)
+
+
+def test_a_command_that_fits_no_packet_is_refused_where_it_is_asked_for():
+    with go1.connect() as robot:
+        with pytest.raises(ValueError, match="command.mode: 2.0 does not fit"):
+            robot.send(go1.protocol.HighCmd(mode=2.0))
+        robot.wait(0.1)
+        assert robot.state.mode == Mode.IDLE
+
+
+def test_going_limp_holds_against_a_loop_that_goes_on_asking():
+    with go1.connect("sim", realtime=True) as robot:
+        ended, refused = threading.Event(), []
+
+        def loop():
+            while not ended.is_set():
+                try:
+                    robot.move(0.3, 0.0)
+                except RuntimeError as error:
+                    refused.append(error)
+
+        thread = threading.Thread(target=loop)
+        thread.start()
+        robot.wait(0.1)
+        for _ in range(200):
+            robot.damp()
+            assert robot.pilot.command(0.0).mode == Mode.DAMP
+        ended.set()
+        thread.join()
+        assert refused
 
 
 @pytest.mark.parametrize("dt", [-0.1, math.nan, math.inf])

@@ -1,0 +1,132 @@
+"""The walk of the infinity, by the same closed loop that drives the simulated car.
+
+The robot is asked for its pose, the MPC plans along the curve at walking speed, the first motion of
+the plan is sent. What is sent now shows in the pose only later (network, legs, sensors), so the
+MPC is told where the robot will be by then: the pose, rolled forward by what was sent meanwhile.
+Chapter 9 shows what happens without that.
+"""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .log import Row
+from .robot import UPRIGHT, Robot
+
+if TYPE_CHECKING:  # torch and the control code are loaded when a walk begins
+    from torch import Tensor
+
+    from ..infinity import Run
+
+START = (0.0, 0.0, -math.pi / 2)  # where the infinity begins, and which way
+LOWEST_CHARGE = 20  # %
+OLDEST_STATE = 0.1  # s
+FASTEST_TURN = 1.2  # rad/s
+STEP = 0.1  # s, of the loop
+
+
+def reasons_to_stay(robot: Robot) -> list[str]:
+    """Why the robot should not walk now; empty if it may."""
+    state = robot.state
+    reasons = []
+    if state.bms.soc < LOWEST_CHARGE:
+        reasons.append(f"the battery is at {state.bms.soc} %, below {LOWEST_CHARGE} %")
+    if state.body_height < UPRIGHT:
+        reasons.append(f"the body is {state.body_height:.2f} m above the ground: it lies")
+    if robot.age > OLDEST_STATE:
+        reasons.append(f"its state is {robot.age:.2f} s old, more than {OLDEST_STATE} s")
+    return reasons
+
+
+def walk(
+    robot: Robot,
+    speed: float = 0.4,
+    delay: float = 0.2,
+    report: Callable[[int], None] = lambda waypoint: None,
+) -> "Run":
+    """Walks once around the infinity, and returns the run as the robot itself saw it.
+
+    Args:
+        robot: stands where the curve begins (`connect(start=START)`).
+        speed: m/s, along the curve.
+        delay: s, from a motion sent to a pose that shows it: network, lag and loop.
+        report: told the number of the next waypoint, 1 to 16, in every step.
+
+    Raises:
+        RobotTimeout: the robot fell silent.
+    """
+    import torch
+
+    from .. import infinity, planner
+    from ..models import DubinsCar
+    from ..utils import ReduceToBason
+
+    car = DubinsCar(dt=STEP)
+    path, mpc = infinity.waypoints(), infinity.controller(car)
+    mpc.stepper = ReduceToBason(steps=2)  # a plan that starts from the last one is soon good
+    spacing = speed * STEP
+
+    def aim(x: "Tensor", waypoint: "Tensor") -> "Tensor":
+        report(int(waypoint))
+        return planner.local_plan(x, path, waypoint, spacing, mpc.T + 1)[..., 1:, :]
+
+    ahead = Ahead(car, 1 + round(delay / STEP))
+    steps = math.ceil(3 * infinity.LENGTH / spacing)
+    with torch.no_grad():
+        return infinity.drive(
+            _within(mpc, 1.25 * speed), car=car, estimator=ahead, robot=robot, aim=aim, steps=steps
+        )
+
+
+class Ahead:
+    """Where a car will be when what is sent now shows: an estimator for `infinity.drive`.
+
+    Args:
+        car: the system that moves.
+        steps: how many inputs are on their way, the present one among them, 1 or more.
+    """
+
+    def __init__(self, car: Any, steps: int) -> None:
+        self._car, self._steps, self._sent = car, steps, list[Any]()
+
+    def __call__(self, x: Any, y: Any, u: Any, P: Any, Q: Any, R: Any) -> tuple[Any, Any]:
+        """The observation y, rolled forward by the inputs on their way; P as it is."""
+        self._sent = [*self._sent, u][-self._steps :]
+        for sent in self._sent:
+            y = self._car.state_transition(y, sent)
+        return y, P
+
+
+def _within(mpc: Any, speed: float) -> Callable:
+    """The MPC with bounds on its inputs, started from its last plan."""
+    from ..mpc import shift
+
+    last: list[Any] = [None]
+
+    def plan(dt: float, x: "Tensor", target: "Tensor") -> tuple:
+        lower, upper = x.new_tensor([0.0, -FASTEST_TURN]), x.new_tensor([speed, FASTEST_TURN])
+        states, inputs, cost = mpc(dt, x, target, last[0], lower, upper)
+        last[0] = shift(inputs)
+        return states, inputs, cost
+
+    return plan
+
+
+def draw(rows: list[Row], path: str | Path) -> None:
+    """Draws a recorded walk: blue connected poses every 0.1 s, red targets; needs matplotlib.
+
+    Source: "PyPose v0.6", the figure of the trajectory recorded on the robot.
+    """
+    from matplotlib.figure import Figure
+
+    from .. import infinity
+
+    targets, seen = infinity.waypoints(), rows[::5]
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    ax = figure.add_subplot()
+    ax.plot([row.x for row in seen], [row.y for row in seen], ".-b", lw=0.8, ms=4, label="pose")
+    ax.plot(targets[:, 0], targets[:, 1], "or", ms=7, mfc="none", label="target")
+    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    ax.legend(loc="upper center")
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,101 @@
+"""One step of each filter, beside PyPose's and filterpy's, and a thousand cars at once.
+
+`pytest tests/bench/bench_filters.py --benchmark-group-by=group` compares within each group.
+"""
+
+import numpy as np
+import pytest
+import torch
+
+import pypose_lite
+from pypose_lite.filters import EKF, PF, UKF
+
+OURS = {"EKF": EKF, "UKF": UKF, "PF": PF}
+CARS = 1000
+
+
+def car(module):
+    """The paper's Dubins car as a user of either library writes it."""
+
+    class Car(module.NLS):
+        def state_transition(self, state, input, t=None):
+            v, phi = input[..., 0], input[..., 1]
+            theta = torch.atan2(state[..., 3], state[..., 2]) + phi * 0.1
+            c, s = theta.cos(), theta.sin()
+            i = state[..., 0] + v * c * 0.1
+            j = state[..., 1] + v * s * 0.1
+            return torch.stack([i, j, c, s], dim=-1)
+
+        def observation(self, state, input, t=None):
+            return state
+
+    return Car()
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    torch.set_num_threads(1)
+
+
+@pytest.fixture
+def step():
+    """Estimate, observation, input, P, Q, R of one step."""
+    x, u, one = torch.tensor([0.0, 0.0, 1.0, 0.0]), torch.tensor([1.3, 1.3]), torch.eye(4)
+    return x, x + 0.1, u, 0.05**2 * one, 0.005**2 * one, 0.163**2 * one
+
+
+@pytest.mark.parametrize("name", OURS)
+def bench_ours(benchmark, step, name):
+    benchmark.group = f"one {name} step"
+    benchmark(OURS[name](car(pypose_lite.module)), *step)
+
+
+@pytest.mark.parametrize("name", OURS)
+def bench_ours_vectorized(benchmark, step, name):
+    benchmark.group = f"one {name} step"
+    model = car(pypose_lite.module)
+    model.vectorized = True
+    benchmark(OURS[name](model), *step)
+
+
+@pytest.mark.parametrize("name", OURS)
+def bench_pypose(benchmark, step, name):
+    module = pytest.importorskip("pypose").module
+    benchmark.group = f"one {name} step"
+    benchmark(getattr(module, name)(car(module)), *step)
+
+
+def bench_filterpy_ekf(benchmark, step):
+    """Jacobians written by hand, in NumPy: what one step costs without torch."""
+    kalman = pytest.importorskip("filterpy.kalman")
+    benchmark.group = "one EKF step"
+    x, y, (v, phi), P, Q, R = (part.double().numpy() for part in step)
+    ekf = kalman.ExtendedKalmanFilter(dim_x=4, dim_z=4)
+    ekf.Q, ekf.R = Q, R
+
+    def once():
+        ekf.x, ekf.P = x.copy(), P.copy()
+        ekf.update(y, lambda x: np.eye(4), lambda x: x)
+        i, j, c, s = ekf.x
+        theta, r2 = np.arctan2(s, c) + phi * 0.1, c * c + s * s
+        C, S = np.cos(theta), np.sin(theta)
+        dtheta = np.array([0, 0, -s / r2, c / r2])
+        ekf.F = np.outer([-S * v * 0.1, C * v * 0.1, -S, C], dtheta)
+        ekf.F[0, 0] = ekf.F[1, 1] = 1
+        ekf.x = np.array([i + v * C * 0.1, j + v * S * 0.1, C, S])
+        ekf.P = ekf.F @ ekf.P @ ekf.F.T + Q
+        return ekf.x
+
+    benchmark(once)
+
+
+@pytest.mark.parametrize("cars", [1, CARS])
+@pytest.mark.parametrize("name", OURS)
+def bench_a_batch(benchmark, step, name, cars):
+    benchmark.group = f"{name}, one car and {CARS}"
+    x, y, u, *rest = step
+    batch = (cars,) if cars > 1 else ()
+    x, y, u = (part.expand(*batch, -1).clone() for part in (x, y, u))
+    model = car(pypose_lite.module)
+    model.vectorized = True
+    benchmark(OURS[name](model), x, y, u, *rest)

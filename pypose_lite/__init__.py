@@ -3,21 +3,28 @@
 The public names, in the order of the book.
 """
 
-from . import infinity, module, utils
+from . import filters, infinity, lie, module, planner, splines, utils
+from .filters import EKF, PF, UKF, smooth
+from .lie import SE3, is_SE3, randn_SE3
 from .lqr import LQR
 from .models import CartPole, DubinsCar, Pendulum
 from .mpc import MPC, Plan, shift
 from .riccati import dlqr
 from .shapes import bmv, bvmv, bvv
+from .splines import bspline, chspline
 from .systems import LTI, LTV, NLS, Linearization, System
 from .version import __version__
 
 __all__ = [
+    "EKF",
     "LQR",
     "LTI",
     "LTV",
     "MPC",
     "NLS",
+    "PF",
+    "SE3",
+    "UKF",
     "CartPole",
     "DubinsCar",
     "Linearization",
@@ -26,11 +33,20 @@ __all__ = [
     "System",
     "__version__",
     "bmv",
+    "bspline",
     "bvmv",
     "bvv",
+    "chspline",
     "dlqr",
+    "filters",
     "infinity",
+    "is_SE3",
+    "lie",
     "module",
+    "planner",
+    "randn_SE3",
     "shift",
+    "smooth",
+    "splines",
     "utils",
 ]

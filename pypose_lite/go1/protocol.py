@@ -208,10 +208,10 @@ def _open(name: str, packet: type, data: bytes, size: int, developer: bool) -> A
     if data[:2] != HEAD:
         raise ProtocolError(f"{name}: expected the head {HEAD.hex()}, got {bytes(data[:2]).hex()}")
     content, end, level = data[:-4], data[-4:], data[2]
-    accepted = [True] if level == HIGH_LEVEL else [False]
-    if developer and level == HIGH_LEVEL:
-        accepted.append(False)
+    accepted = {level == HIGH_LEVEL}  # whether encrypted
+    if developer:
+        accepted.add(False)
     if not any(end == _checksum(content, encrypted) for encrypted in accepted):
-        wanted = " or ".join("encrypted" if encrypted else "plain" for encrypted in accepted)
+        wanted = " or ".join("encrypted" if which else "plain" for which in sorted(accepted))
         raise ProtocolError(f"{name}: level {level:02x} needs a right {wanted} checksum")
     return unpack(packet, content)

@@ -274,7 +274,7 @@ def test_waits_add_up_whatever_their_size(watch):
         ({"level_flag": 0xFF}, "level_flag: expected 0xEE or 0x00, got 255"),
         ({"rate": 10.0}, "rate: expected 100 to 500 Hz, got 10"),
         ({"rate": math.nan}, "rate: expected"),
-        ({"command_timeout": 0.0}, "command_timeout: expected 0.05 to 1 s, got 0"),
+        ({"command_timeout": 0.0}, "command_timeout: expected 0.1 to 1 s, got 0"),
         ({"command_timeout": 60.0}, "command_timeout: expected"),
         ({"gait": "gallop"}, "gait: expected 'trot', 'run' or 'stairs', got 'gallop'"),
         ({"speed_limit": 0.0}, "speed_limit: expected m/s above 0, got 0"),

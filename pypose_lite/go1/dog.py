@@ -100,23 +100,13 @@ class Dog:
 
     def state(self) -> HighState:
         """What the robot reports: everything as its own sensors see it."""
-        x, y, yaw = self._odometry
+        x, y, _ = self._odometry
         draw, numbers, command = self._random.gauss, self.numbers, self.command
-        heading = math.remainder(yaw, 2 * math.pi)
-        lean = command.euler if command.mode == Mode.STAND else (0.0, 0.0, 0.0)
-        noise = [draw(0.0, numbers.sensor) for _ in range(6)]
-        imu = Imu(
-            quaternion=_quaternion(lean[0], lean[1], heading),
-            gyroscope=(noise[0], noise[1], self._velocity[2] + noise[2]),
-            accelerometer=(noise[3], noise[4], 9.81 + noise[5]),
-            rpy=(lean[0], lean[1], heading),
-            temperature=40,
-        )
         forward, left, turn = (v + draw(0.0, numbers.jitter) for v in self._velocity)
         return replace(
             _BLANK,
             sn=self._serial,
-            imu=imu,
+            imu=self._imu(),
             bms=BmsState(soc=int(self._charge), current=-2000, cell_vol=(3800,) * 10),
             foot_force=(30, 30, 30, 30),
             mode=command.mode,
@@ -126,6 +116,19 @@ class Dog:
             body_height=self._height,
             velocity=(forward, left, 0.0),
             yaw_speed=turn,
+        )
+
+    def _imu(self) -> Imu:
+        """The inertial sensor, whose noise is in every state a new one."""
+        yaw = math.remainder(self._odometry[2], 2 * math.pi)
+        roll, pitch = self.command.euler[:2] if self.command.mode == Mode.STAND else (0.0, 0.0)
+        noise = [self._random.gauss(0.0, self.numbers.sensor) for _ in range(6)]
+        return Imu(
+            quaternion=_quaternion(roll, pitch, yaw),
+            gyroscope=(noise[0], noise[1], self._velocity[2] + noise[2]),
+            accelerometer=(noise[3], noise[4], 9.81 + noise[5]),
+            rpy=(roll, pitch, yaw),
+            temperature=40,
         )
 
     def _wanted(self) -> tuple[float, float, float]:

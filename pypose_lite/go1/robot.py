@@ -76,6 +76,8 @@ class Robot:
     def pose(self) -> tuple[float, float, float]:
         """Where it is, (x, y, heading) in m and rad, in the frame where it stood at connect.
 
+        Its own odometry is behind this: it drifts. A `start` given to `connect` is where it stood.
+
         Raises:
             RobotTimeout: the state is stale.
         """

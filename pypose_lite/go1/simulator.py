@@ -5,7 +5,7 @@ python -m pypose_lite.go1.simulator --port 8082 --model edu
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 
 from .dog import STEP, Numbers
 from .faults import Faults
@@ -16,16 +16,18 @@ from .transport import UdpServer
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs a simulated robot until Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    faults = Faults(**{f.name: getattr(options, f.name) for f in fields(Faults)})
-    numbers = replace(Numbers(), lag=options.lag, dead_band=options.dead_band)
-    simulation = Simulation(
-        options.model, options.seed, numbers, faults, options.freeze, options.vanish
-    )
-    server = UdpServer(options.host, options.port, COMMAND_SIZE, numbers.silence)
-    print(f"simulated Go1 ({options.model}) on udp://{options.host}:{server.port}", flush=True)
+    parser = _parser()
+    options = parser.parse_args(arguments)
     try:
-        simulator = Simulator(server, simulation)
+        faults = Faults(**{f.name: getattr(options, f.name) for f in fields(Faults)})
+        server = UdpServer(options.host, options.port, COMMAND_SIZE, Numbers().silence)
+    except ValueError as error:
+        parser.error(str(error))
+    numbers = Numbers(lag=options.lag, dead_band=options.dead_band)
+    setup = Simulation(options.model, options.seed, numbers, faults, options.freeze, options.vanish)
+    print(f"simulated Go1 ({options.model}) on udp://{options.host}:{server.port}", flush=True)
+    simulator = Simulator(server, setup)
+    try:
         while True:
             simulator.step(timeout=STEP)
     except KeyboardInterrupt:

@@ -6,13 +6,14 @@ The public names, in the order of the book.
 from . import filters, infinity, lie, module, planner, splines, utils
 from .filters import EKF, PF, UKF, smooth
 from .lie import SE3, is_SE3, randn_SE3
+from .linear import LTI, LTV
 from .lqr import LQR
 from .models import CartPole, DubinsCar, Pendulum
 from .mpc import MPC, Plan, shift
 from .riccati import dlqr
 from .shapes import bmv, bvmv, bvv
 from .splines import bspline, chspline
-from .systems import LTI, LTV, NLS, Linearization, System
+from .systems import NLS, Linearization, System
 from .version import __version__
 
 __all__ = [

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from .ilqr import follow, model, optimize, refuse_divergence
 from .implicit import differentiable
+from .linear import LTI
 from .problem import OptimalControl, Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .systems import LTI
 
 
 class LQR(OptimalControl):

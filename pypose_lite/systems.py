@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
+from .derivatives import hessian, jacobians
 from .shapes import bmv, check
 
 
@@ -117,23 +118,18 @@ class System(nn.Module):
 
         ``wrt="x"`` leaves out B, for those who do not need it.
         """
-        return _jacobians(self._batched(self.state_transition, t), *_expand(x, u), wrt)
+        return jacobians(self._batched(self.state_transition, t), *expand(x, u), wrt)
 
     def linearize_observation(self, x, u, t=None, wrt: str = "xu") -> tuple[Tensor, ...]:
         """Returns ``g(x, u, t)`` and its Jacobians ``C (..., p, n)``, ``D (..., p, m)``."""
-        return _jacobians(self._batched(self.observation, t), *_expand(x, u), wrt)
+        return jacobians(self._batched(self.observation, t), *expand(x, u), wrt)
 
     def curve_transition(self, x, u, costate: Tensor, t=None) -> Tensor:
         """Returns the second derivative of ``costate' f(x, u, t)`` in ``[x, u]``.
 
         ``(..., n+m, n+m)``: what makes a Newton step of a Gauss-Newton step.
         """
-        function = self._batched(self.state_transition, t)
-
-        def slope(x, u):
-            return torch.cat(torch.func.vjp(function, x, u)[1](costate), dim=-1)
-
-        return torch.cat(_jacobians(slope, *_expand(x, u), "xu")[1:], dim=-1)
+        return hessian(self._batched(self.state_transition, t), *expand(x, u), costate)
 
     @property
     def systime(self) -> Tensor:
@@ -178,7 +174,7 @@ class System(nn.Module):
             return self._at(t, function, *(x, u, t)[:args]).reshape(-1)  # (1, n) becomes (n,)
 
         def many(x, u):
-            x, u = _expand(x, u)
+            x, u = expand(x, u)
             if self.vectorized:
                 y = self._at(t, function, *(x, u, t.unsqueeze(-1))[:args])
                 if t.ndim and y.shape[:-1] != x.shape[:-1]:
@@ -245,119 +241,6 @@ class NLS(System):
     c2 = property(lambda self: self._linear.c2, doc="g(x, u) - C x - D u there, (..., p).")
 
 
-class LTI(System):
-    """A linear system that stays: ``x' = A x + B u + c1``, ``y = C x + D u + c2``.
-
-    Args:
-        A: ``(..., n, n)``.
-        B: ``(..., n, m)``.
-        C: ``(..., p, n)``.
-        D: ``(..., p, m)``.
-        c1: ``(..., n)`` or None.
-        c2: ``(..., p)`` or None.
-
-    Raises:
-        ValueError: for matrices that do not fit together.
-    """
-
-    vectorized = True
-
-    def __init__(self, A, B, C, D, c1=None, c2=None):
-        super().__init__()
-        self._check_matrices(A, B, C, D, c1, c2)
-        for name, value in zip(("_A", "_B", "_C", "_D", "_c1", "_c2"), (A, B, C, D, c1, c2)):
-            if isinstance(value, nn.Parameter):
-                self.register_parameter(name, value)
-            else:
-                self.register_buffer(name, value)
-
-    @staticmethod
-    def _check_matrices(*matrices: Tensor | None) -> None:
-        check("A: n n, B: n m, C: p n, D: p m, c1: n, c2: p", *matrices)
-
-    A = property(lambda self: self._A, doc="State matrix, (..., n, n).")
-    B = property(lambda self: self._B, doc="Input matrix, (..., n, m).")
-    C = property(lambda self: self._C, doc="Output matrix, (..., p, n).")
-    D = property(lambda self: self._D, doc="Feedthrough matrix, (..., p, m).")
-    c1 = property(lambda self: self._c1, doc="Constant of the transition, (..., n), or None.")
-    c2 = property(lambda self: self._c2, doc="Constant of the observation, (..., p), or None.")
-
-    def check_point(self, name, state, input=None):
-        """Returns n and m, which are those of A and B; see :meth:`System.check_point`."""
-        return check(f"A: n n, B: n m, {name}: n, input: m", self.A, self.B, state, input)
-
-    def set_refpoint(self, state=None, input=None, t=None) -> Self:
-        """Returns the system: a linear one is the same at every point."""
-        return self
-
-    def state_transition(self, state, input, t=None):
-        """Returns ``A x + B u + c1``."""
-        return _affine(self.A, state, self.B, input, self.c1)
-
-    def observation(self, state, input, t=None):
-        """Returns ``C x + D u + c2``."""
-        return _affine(self.C, state, self.D, input, self.c2)
-
-    def curve_transition(self, x, u, costate, t=None):
-        """Returns zeros: a linear system has no curvature."""
-        size = x.shape[-1] + u.shape[-1]
-        return torch.zeros_like(costate[..., :1, None]).expand(*costate.shape[:-1], size, size)
-
-    def linearize_transition(self, x, u, t=None, wrt="xu"):
-        """Returns ``f``, ``A`` and ``B``, expanded to the batch."""
-        return self._at_time(self.state_transition, lambda: (self.A, self.B), x, u, t, wrt)
-
-    def linearize_observation(self, x, u, t=None, wrt="xu"):
-        """Returns ``g``, ``C`` and ``D``, expanded to the batch."""
-        return self._at_time(self.observation, lambda: (self.C, self.D), x, u, t, wrt)
-
-    def _at_time(self, function, matrices, x, u, t, wrt) -> tuple[Tensor, ...]:
-        t = self._t if t is None else torch.as_tensor(t)
-        y, pair = self._at(t, lambda: (function(x, u), matrices()))
-        wanted = [m for letter, m in zip("xu", pair) if letter in wrt]
-        return (y, *(m.expand(*y.shape[:-1], *m.shape[-2:]) for m in wanted))
-
-
-class LTV(LTI):
-    """A linear system that changes: ``x' = A_t x + B_t u + c1_t``, ``y = C_t x + D_t u + c2_t``.
-
-    A subclass gives the matrices of the current step as properties that read ``self._t``; what
-    the constructor is given waits in ``self._A`` to ``self._c2``, in any layout. Without such
-    properties the matrices are ``(..., T, rows, columns)`` and the step is counted modulo T.
-    """
-
-    def __init__(self, A=None, B=None, C=None, D=None, c1=None, c2=None):
-        super().__init__(A, B, C, D, c1, c2)
-
-    @staticmethod
-    def _check_matrices(*matrices: Tensor | None) -> None:
-        pass  # their layout is the subclass's
-
-    def _now(self, stack: Tensor | None, dims: int) -> Tensor | None:
-        return None if stack is None else stack.select(-dims, int(self._t) % stack.shape[-dims])
-
-    A = property(lambda self: self._now(self._A, 3), doc="State matrix now, (..., n, n).")
-    B = property(lambda self: self._now(self._B, 3), doc="Input matrix now, (..., n, m).")
-    C = property(lambda self: self._now(self._C, 3), doc="Output matrix now, (..., p, n).")
-    D = property(lambda self: self._now(self._D, 3), doc="Feedthrough matrix now, (..., p, m).")
-    c1 = property(lambda self: self._now(self._c1, 2), doc="Constant of the transition now.")
-    c2 = property(lambda self: self._now(self._c2, 2), doc="Constant of the observation now.")
-
-    def set_refpoint(self, state=None, input=None, t=None) -> Self:
-        """Sets the clock to ``t``, where it is given, and returns the system."""
-        return self if t is None else self.reset(t)
-
-    def _at_time(self, function, matrices, x, u, t, wrt):
-        t = self._t if t is None else torch.as_tensor(t)
-        if t.numel() == 1:
-            return super()._at_time(function, matrices, x, u, t.reshape(()), wrt)
-        lead = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1], t.shape)
-        t = t.reshape(*[1] * (len(lead) - t.ndim), *t.shape)
-        rows = zip(x.expand(*lead, -1), u.expand(*lead, -1), t.expand(lead[0], *t.shape[1:]))
-        steps = [self._at_time(function, matrices, *row, wrt) for row in rows]
-        return tuple(torch.stack(part) for part in zip(*steps))
-
-
 def _vector(name: str, x: Tensor) -> Tensor:
     """Returns x with at least one dimension; a number is a vector of one."""
     if not isinstance(x, Tensor):
@@ -365,12 +248,7 @@ def _vector(name: str, x: Tensor) -> Tensor:
     return torch.atleast_1d(x)
 
 
-def _affine(M: Tensor, x: Tensor, N: Tensor, u: Tensor, c: Tensor | None) -> Tensor:
-    y = bmv(M, x) + bmv(N, u)
-    return y if c is None else y + c
-
-
-def _expand(x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+def expand(x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
     """Gives states and inputs the same leading dimensions."""
     if x.shape[:-1] == u.shape[:-1]:
         return x, u
@@ -378,21 +256,3 @@ def _expand(x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         return x, u.expand(*x.shape[:-1], -1)
     batch = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1])
     return x.expand(*batch, -1), u.expand(*batch, -1)
-
-
-def _jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tensor, ...]:
-    """Returns ``function(x, u)`` and its Jacobians in x and u, all of a batch in one call.
-
-    Reverse mode: a row of every member's Jacobian is one pull-back of a unit vector.
-    """
-    if wrt == "xu":
-        y, pull = torch.func.vjp(function, x, u)[:2]
-    else:
-        y, pull = torch.func.vjp(lambda x: function(x, u), x)[:2]
-    if y.shape[:-1] != x.shape[:-1]:  # parameters have a batch of their own
-        x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
-        return _jacobians(function, x, u, wrt)
-    p = y.shape[-1]
-    rows = torch.eye(p, dtype=y.dtype, device=y.device)
-    rows = rows.reshape(p, *[1] * (y.ndim - 1), p).expand(p, *y.shape)
-    return (y, *(J.movedim(0, -2) for J in torch.vmap(pull)(rows)))

@@ -124,23 +124,33 @@ claim("slip_error", infinity.tracking_error(slipping).max(), above=0.5, unit="m"
 # **Predict.** A thousand cars drive four laps with noise instead of one. Does their mean distance
 # from the noiseless car become twice, four times or eight times as large?
 
+
 # %%
+def shaken(u):
+    """States of 1000 noisy cars, and their mean distance from the noiseless one."""
+    car, states = pp.DubinsCar(dt), [x[0].expand(1000, 4)]
+    generator = torch.Generator().manual_seed(1)
+    for i in range(len(u)):
+        w = 0.005 * torch.randn(1000, 4, generator=generator)
+        states.append(car(states[-1], u[i])[0] + w)
+    states = torch.stack(states, dim=1)
+    return states, (states - roll(car, x[0], u))[..., :2].norm(dim=-1).mean(0)
+
+
 laps = torch.cat([u] * 4)
-car, noisy = pp.DubinsCar(dt), [x[0].expand(1000, 4)]
-generator = torch.Generator().manual_seed(1)
-for i in range(len(laps)):
-    w = 0.005 * torch.randn(1000, 4, generator=generator)
-    noisy.append(car(noisy[-1], laps[i])[0] + w)
-noisy = torch.stack(noisy, dim=1)
-distance = (noisy - roll(car, x[0], laps))[..., :2].norm(dim=-1).mean(0)
-claim("noise_one_lap", distance[128], above=0.08, below=0.12, unit="m")
-claim("noise_growth", distance[512] / distance[128], above=1.7, below=2.4)
+noisy, on_laps = shaken(laps)
+_, on_road = shaken(laps * torch.tensor([1, 0]))  # the same speed, straight ahead
+claim("noise_one_lap", on_laps[128], above=0.08, below=0.12, unit="m")
+claim("noise_growth", on_laps[512] / on_laps[128], above=1.7, below=2.4)
+claim("noise_growth_straight", on_road[512] / on_road[128], above=6, below=9)
 
 # %% [markdown]
 # <details><summary>Answer</summary>
 #
 # About twice ({claim}`noise_growth`, from {claim}`noise_one_lap` after one lap). Independent errors
-# partly cancel: their sum grows like the square root of their number. But it grows without end.
+# partly cancel: their sum grows like the square root of their number. But whoever said eight knew
+# something too. On a straight road the factor is {claim}`noise_growth_straight`, because a wrong
+# heading, itself such a sum, leads ever further aside. On circles it leads around and back.
 #
 # </details>
 #
@@ -181,7 +191,7 @@ claim("quarter_offset", math.hypot(pose[0] - 1, pose[1] - 1), below=0.08, unit="
 # the $i$ axis. Together they are the *state*: all that we have to know of the past to predict the
 # future. $v$ is the speed in m/s and $\varphi$ the turn rate in rad/s. Together they are the
 # *input*: what we may choose. $\Delta t$ is `dt`. A car like this is named after Dubins
-# {cite}`dubins1957`; it cannot go sideways and has to turn to get anywhere.
+# {cite}`dubins1957`; it cannot go sideways and has to turn to get anywhere but straight ahead.
 #
 # The quarter of a circle missed the point $(1, 1)$ by {claim}`quarter_offset`, and here is the
 # answer to the question from above. A real car turns *while* it drives; ours turns first. So its
@@ -232,7 +242,7 @@ print(inspect.getsource(pp.System._tick))
 # %% [markdown]
 # It checks the shapes, calls $f$ and $g$, and then the clock ticks. Nothing else ticks it. Note
 # which state the observation is made of: the *old* one. `y[i]` belongs to `x[i]`, not to `x[i+1]`.
-# All filters of chapters 4 and 5 rest on this, and "Break it" shows what a slip here costs.
+# All filters of chapters 4 and 5 rest on this, and "Break it" shows what an error here costs.
 #
 # Your own system is a subclass. This is the paper's listing, word for word:
 
@@ -333,14 +343,14 @@ claim("finite_differences", (rows.mT / (2 * h) - A).abs().max(), below=1e-8)
 
 # %% [markdown]
 # Read $B$'s first column: a faster car gets further up, by nearly $\Delta t$ for each m/s. Read the
-# lower right of $A$: its determinant is zero, because the length of the vector $[\cos, \sin]$ is
-# forgotten in each step. Only its direction counts.
+# lower right quarter of $A$: its determinant is zero, because each step forgets the length of the
+# vector $[\cos, \sin]$. Only its direction counts.
 
 # %% [markdown]
 # ## On the infinity
 #
 # The paper's Fig. 2 has two panels, the ideal car and the car with noise, and so has ours. There a
-# controller steers; here still nobody looks. Chapter 3 will put its panels beside these.
+# controller steers; here still nobody looks. Chapter 3 draws them with its controller.
 
 # %%
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.6), sharey=True)
@@ -394,7 +404,7 @@ widgets.panels(steer, [0.8, 0.9, 0.98, 1.1, 1.5], "turn rate (rad/s)")
 
 # %% [markdown]
 # In JupyterLab there are three more sliders below. Give the car a slip, then find the turn rate
-# that brings it back onto the waypoints. You have just done by eye what "Differentiate through it"
+# that brings it back onto the waypoints. Then you have done by eye what "Differentiate through it"
 # does by gradient.
 
 # %% tags=["remove-cell"]

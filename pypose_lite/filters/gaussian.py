@@ -48,7 +48,8 @@ class Innovation(NamedTuple):
 def innovation(y: Tensor, joint: Joint, R: Tensor, residual: Callable) -> Innovation:
     """Returns what y says beyond its expectation in ``joint``, seen with noise R."""
     e, joint, R = observed(y, joint, R, residual)
-    return Innovation(e, covariance(joint.covariance + R), (~y.isnan()).expand(e.shape))
+    S = joint.covariance + R
+    return Innovation(e, (S + S.mT) / 2, (~y.isnan()).expand(e.shape))
 
 
 def condition(joint: Joint, R: Tensor) -> tuple[Tensor, Tensor]:
@@ -76,7 +77,7 @@ def condition(joint: Joint, R: Tensor) -> tuple[Tensor, Tensor]:
     _, dx, dz, w = joint
     weighted = w * dz
     S = weighted @ dz.mT + R  # (1)
-    L = cholesky(S.lerp(S.mT, 0.5), "the innovation's covariance")
+    L = cholesky(S, "the innovation's covariance")
     K = torch.cholesky_solve(weighted @ dx.mT, L).mT  # (2)
     rest = dx - K @ dz
     P = (w * rest) @ rest.mT + K @ R @ K.mT  # (3)
@@ -113,7 +114,7 @@ def known_rows(
     """
     if z.shape[-1] != R.shape[-1]:
         p = z.shape[-1]
-        raise ValueError(f"R: expected (..., p={p}, p={p}), got {tuple(R.shape)}; p is g's")
+        raise ValueError(f"R: expected (..., p={p}, p={p}), got {tuple(R.shape[-2:])}; p is g's")
     missing = y.isnan()
     if not missing.any():
         return residual(y, z), R, None
@@ -145,7 +146,7 @@ def covariance(P: Tensor) -> Tensor:
 
 def cholesky(P: Tensor, name: str) -> Tensor:
     """Returns the lower L with ``L L' = P``; ValueError where P is not positive definite."""
-    L, info = torch.linalg.cholesky_ex(P)
+    L, info = torch.linalg.cholesky_ex(P.lerp(P.mT, 0.5))
     if info.any():
         raise ValueError(f"{name}: expected positive definite, got eigenvalue {_smallest(P):.3g}")
     return L
@@ -185,7 +186,7 @@ def _factor_by_columns(P: Tensor, name: str) -> Tensor:
     scale = deviation.unsqueeze(-1) * deviation.unsqueeze(-2)
     if (rest.abs() > 4 * math.sqrt(rounding) * scale).any():
         raise ValueError(f"{name}: expected no negative eigenvalue, got {_smallest(P):.3g}")
-    return torch.stack(columns, dim=-1)
+    return torch.stack(columns, dim=-1).tril()
 
 
 def squared_distance(e: Tensor, P: Tensor, name: str) -> tuple[Tensor, Tensor]:

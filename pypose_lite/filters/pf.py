@@ -19,7 +19,7 @@ from .gaussian import (
     spread,
 )
 
-FEW = 10  # effective particles, fewer of which are no sample of a belief any more
+FEW, RARE = 10, 0.001  # fewer effective particles, or a smaller share, are no sample of a belief
 
 
 class Particles(NamedTuple):
@@ -113,7 +113,8 @@ class PF(Filter):
         residual: the difference of two observations, for angles.
 
     Arguments and errors are those of :class:`GaussianFilter`; random numbers come from
-    ``generator``, None being torch's own. Warns where fewer than 10 particles are effective.
+    ``generator``, None being torch's own. Warns where fewer than
+    10 particles, or one in a thousand, are effective.
 
     Source: D. Simon, "Optimal State Estimation" (2006), section 15.2.
     """
@@ -203,7 +204,7 @@ class PF(Filter):
         log_w = particles.log_w + self._explain(particles.x, y, u, R, t)  # (2)
         particles = particles._replace(log_w=log_w)
         least, N = particles.effective.min().item(), log_w.shape[-1]
-        if least < min(FEW, N / 2):
+        if least < min(max(FEW, RARE * N), N / 2):
             warnings.warn(
                 f"PF: {least:.1f} of {N} particles are effective: y is far from nearly all",
                 stacklevel=3,

@@ -167,5 +167,5 @@ def one_step(g, lead=(), n=2, m=1, p=2):
         draw(g, *lead, m),
         spd(g, n, lead, 0.1),
         spd(g, n, lead, 0.05),
-        spd(g, p, lead, 0.3),
+        spd(g, p, lead, 2.0),
     )

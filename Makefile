@@ -70,7 +70,9 @@ lab: .venv/.installed
 	JUPYTER_CONFIG_DIR=build/lab jupyter lab --ip=127.0.0.1 --LabApp.news_url=None book
 
 bench: .venv/.installed-bench
-	pytest tests/bench --benchmark-only
+	pytest $(wildcard tests/bench/bench_*.py) -q --benchmark-group-by=group \
+		--benchmark-columns=median,iqr,rounds --benchmark-sort=fullname
+	@echo 'In brackets: how many times slower than the fastest of the same group, in this run.'
 
 .venv/.installed-bench: .venv/.installed
 	@.ci/install $(PYTHON) bench

@@ -1,10 +1,13 @@
-"""A browser, for the tests that look at pages as a reader does."""
+"""A browser, for the tests that look at pages as a reader does; small books, for the others."""
 
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from small_books import HEADER
 
 ROOT = Path(__file__).parents[2]
 NAMES = "chromium", "chromium-browser", "google-chrome"
@@ -12,6 +15,24 @@ FLAGS = (
     "--no-sandbox --disable-gpu --disable-background-networking --disable-component-update "
     "--disable-sync --no-first-run --disable-quic"
 ).split()
+
+
+@pytest.fixture(scope="module")
+def run_book(tmp_path_factory):
+    """Runs pytest, set up as in this repository, on a book of these chapters; by name, cells."""
+
+    def run(chapters):
+        root = tmp_path_factory.mktemp("root")
+        (root / "book").mkdir()
+        for name in ("conftest.py", "pyproject.toml"):
+            shutil.copy(ROOT / name, root)
+        for name, cells in chapters.items():
+            (root / "book" / name).write_text(HEADER + cells)
+        command = [sys.executable, "-m", "pytest", "book", "-q", "--color=no"]
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=240)
+        return root, done.stdout
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,141 @@
+"""The scripts between a chapter and its page: run, fill in, compare, list."""
+
+import subprocess
+import sys
+
+import execute
+import nbformat
+import pytest
+import scoreboard
+import stage
+from nbclient.exceptions import CellExecutionError
+from small_books import CLAIM, ERROR, HEADER, PROSE
+
+from pypose_lite.teaching.claims import Claim
+
+CAR = Claim("error", 0.0543, "below 0.058 m", "m", 0.1803, cell=3)
+STEPS = Claim("steps", 48, "below 60", cell=4)
+CLAIMS = {("03_mpc", "error"): CAR, ("03_mpc", "steps"): STEPS, ("04_ekf", "error"): STEPS}
+
+
+@pytest.fixture
+def chapter(tmp_path):
+    """Writes a chapter of these cells and returns its path."""
+
+    def write(*cells):
+        path = tmp_path / "05_x.py"
+        path.write_text(HEADER + "".join(cells))
+        return path
+
+    return write
+
+
+def test_a_chapter_that_holds_becomes_a_notebook_with_outputs(chapter, tmp_path):
+    line = execute.execute(chapter(CLAIM.format(0.25)), tmp_path / "out" / "05_x.ipynb")
+    notebook = nbformat.read(tmp_path / "out" / "05_x.ipynb", as_version=4)
+    assert line.startswith("05_x: 1 claims hold (")
+    assert "claim" in notebook.cells[0].outputs[0].metadata
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        (CLAIM.format(1.25), "claim does not hold: a = 1.25 m; claimed: below 1 m"),
+        (ERROR, "ZeroDivisionError"),
+        (PROSE, "prose states '0.21 m'"),
+    ],
+)
+def test_a_chapter_that_does_not_hold_leaves_no_notebook(chapter, tmp_path, cell, message):
+    with pytest.raises((CellExecutionError, ValueError), match=message):
+        execute.execute(chapter(cell), tmp_path / "out.ipynb")
+    assert not (tmp_path / "out.ipynb").exists()
+
+
+def test_a_chapter_that_does_not_hold_ends_the_build_without_a_traceback(chapter, tmp_path):
+    command = [sys.executable, execute.__file__, chapter(PROSE), tmp_path / "out.ipynb"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert "05_x.py: does not pass its proofreading:\n  prose states '0.21 m'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "filled"),
+    [
+        ("It is {claim}`error`.", "It is 0.0543 m."),
+        ("{claim}`error` and {claim}`steps`", "0.0543 m and 48"),
+        ("{claim}`04_ekf.error` elsewhere", "48 elsewhere"),
+        ("write ``{claim}`error` ``", "write ``{claim}`error` ``"),
+        ("see [chapter 2](02_lqr.py) and [one](01_systems.py#the-clock)",) * 2,
+    ],
+)
+def test_numbers_are_filled_in_where_their_names_stand(text, filled):
+    filled = filled.replace(".py", ".ipynb")
+    assert stage.filled_in(text, "03_mpc", CLAIMS) == filled
+
+
+@pytest.mark.parametrize("name", ["other", "04_ekf.steps", "05_x.error"])
+def test_a_name_that_nobody_claims_ends_the_build(name):
+    with pytest.raises(SystemExit, match=f"03_mpc: no cell claims what .* {{claim}}`{name}`"):
+        stage.filled_in(f"{{claim}}`{name}`", "03_mpc", CLAIMS)
+
+
+def test_the_scoreboard_lists_chapter_claim_paper_ours_bound_and_cell():
+    assert stage.table(CLAIMS).splitlines()[2] == (
+        "| [03_mpc](03_mpc.ipynb) | error | 0.1803 m | 0.0543 m | below 0.058 m | 3 |"
+    )
+    printed = scoreboard.table(CLAIMS).splitlines()
+    assert printed[0].split() == ["chapter", "claim", "paper", "ours", "bound", "cell"]
+    assert printed[2] == "03_mpc   steps            48        below 60       4"
+
+
+def test_pages_that_have_not_changed_are_not_touched_and_old_ones_go(tmp_path):
+    stage.put({"a.md": "one", "b.md": "two"}, tmp_path)
+    before = (tmp_path / "a.md").stat().st_mtime_ns
+    stage.put({"a.md": "one", "c.md": "three"}, tmp_path)
+    assert (tmp_path / "a.md").stat().st_mtime_ns == before
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "a.md": "one",
+        "c.md": "three",
+    }
+
+
+def test_runs_that_agree_have_nothing_to_report():
+    again = {key: Claim(**vars(claim)) for key, claim in CLAIMS.items()}
+    assert list(scoreboard.unrepeated(CLAIMS, again)) == []
+
+
+@pytest.mark.parametrize(
+    ("second", "report"),
+    [
+        (
+            {**CLAIMS, ("03_mpc", "steps"): Claim("steps", 49, "")},
+            "03_mpc.steps: 48 in one run, 49",
+        ),
+        ({("03_mpc", "error"): CAR, ("04_ekf", "error"): STEPS}, "03_mpc.steps: claimed in one"),
+        ({**CLAIMS, ("09_go1", "new"): STEPS}, "09_go1.new: claimed in one run only"),
+        (
+            {**CLAIMS, ("03_mpc", "error"): Claim("error", 0.05431, "")},
+            "03_mpc.error: 0.0543 in one run, 0.05431 in the other",
+        ),
+    ],
+)
+def test_numbers_that_do_not_repeat_are_reported(second, report):
+    [line] = scoreboard.unrepeated(CLAIMS, second)
+    assert line.startswith(report)
+
+
+def test_durations_may_vary():
+    first, second = ({("a", "t"): Claim("t", t, "", "s", varies=True)} for t in (1.0, 2.0))
+    assert list(scoreboard.unrepeated(first, second)) == []
+
+
+def test_durations_have_to_be_claimed_in_both_runs():
+    first = {("a", "t"): Claim("t", 1.0, "", "s", varies=True)}
+    assert list(scoreboard.unrepeated(first, {})) == ["a.t: claimed in one run only"]
+
+
+def test_what_pytest_records_is_what_the_build_gathers(run_book, tmp_path):
+    root, _ = run_book({"05_x.py": CLAIM.format(0.25)})
+    execute.execute(root / "book" / "05_x.py", tmp_path / "05_x.ipynb")
+    assert scoreboard.recorded(root / "build" / "claims") == scoreboard.gather(tmp_path) != {}

@@ -1,0 +1,74 @@
+"""What pytest does with a chapter, and what every chapter's file has to be."""
+
+import subprocess
+from pathlib import Path
+
+import jupytext
+import pytest
+import yaml
+from small_books import CLAIM, ERROR, FIGURE, PROSE
+
+ROOT = Path(__file__).parents[2]
+CHAPTERS = sorted((ROOT / "book").glob("*.py"))
+TOC = yaml.safe_load((ROOT / "_toc.yml").read_text())
+LISTED = {TOC["root"], *(c["file"] for part in TOC["parts"] for c in part["chapters"])}
+
+BOOK = {
+    "01_good.py": FIGURE + CLAIM.format(0.5),
+    "02_claim.py": CLAIM.format(1.5),
+    "03_error.py": ERROR,
+    "04_prose.py": PROSE,
+    "05_figure.py": FIGURE,
+}
+
+
+@pytest.fixture(scope="module")
+def report(run_book):
+    """What pytest says about a book of one good chapter and four bad ones."""
+    return run_book(BOOK)[1]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "FAILED book/02_claim.py::Cell 0",
+        "FAILED book/03_error.py::Cell 0",
+        "FAILED book/04_prose.py::proofreading - prose states '0.21 m'",
+        "FAILED book/05_figure.py::proofreading - section 'Look' shows a figure",
+        "claim does not hold: a = 1.5 m; claimed: below 1 m",
+        "ZeroDivisionError",
+    ],
+)
+def test_pytest_names_each_fault_of_a_chapter(report, line):
+    assert line in report
+
+
+def test_pytest_finds_no_fault_in_a_good_chapter(report):
+    assert "01_good.py" not in report
+    assert "4 failed" in report.splitlines()[-1]
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_a_chapter_is_a_notebook_that_jupyterlab_can_start(path):
+    notebook = jupytext.read(path)
+    assert notebook.metadata.kernelspec.name == "python3"
+    assert notebook.cells[0].cell_type == "markdown"
+    assert notebook.cells[0].source.startswith("# ")
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_a_chapter_is_on_the_site(path):
+    assert path.stem in LISTED
+
+
+def test_the_table_of_contents_names_pages_that_exist():
+    pages = {path.stem for path in (ROOT / "book").iterdir() if path.suffix in (".py", ".md")}
+    assert pages >= LISTED
+
+
+def test_no_notebook_is_kept_in_git():
+    command = ["git", "ls-files", "*.ipynb"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    if done.returncode:
+        pytest.skip("not a git checkout")
+    assert done.stdout == ""

@@ -1,0 +1,115 @@
+"""What can be missing on a reader's machine is said in one line, and mended by a second run."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+OLD = '[ "$1" = -V ] && { echo Python 3.9.2; exit; }\nexit 1'
+BARE = 'case "$2" in *ensurepip*) exit 1 ;; esac'
+# Stands for Python: makes a .venv whose pip says $PIP_SAYS and, unless that is empty, fails.
+PYTHON = """
+case "$*" in
+  *"-m venv"*) rm -rf .venv; mkdir -p .venv/bin; cp "$0" .venv/bin/python; echo made >> log ;;
+  *"-m pip install --disable"*) echo "pip $*" >> log; echo "$PIP_SAYS"; [ -z "$PIP_SAYS" ] ;;
+esac
+"""
+
+
+@pytest.fixture
+def install(tmp_path):
+    """Runs the installation with a Python that does what the script says."""
+    (tmp_path / ".ci").mkdir()
+    shutil.copy(ROOT / ".ci" / "install", tmp_path / ".ci")
+
+    def run(script, *extra, pip_says=""):
+        python = tmp_path / "python"
+        python.write_text(f"#!/bin/sh\n{script}\n")
+        python.chmod(0o755)
+        command = [".ci/install", "./python", *extra]
+        env = os.environ | {"PIP_SAYS": pip_says}
+        return subprocess.run(
+            command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=60
+        )
+
+    return run
+
+
+def log(folder):
+    """What the stand-in for Python was asked for."""
+    path = folder / "log"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+@pytest.mark.parametrize(
+    ("script", "pip_says", "line"),
+    [
+        (OLD, "", "Python 3.11 or newer is needed, ./python is Python 3.9.2"),
+        (BARE, "", "./python has no venv module; on Debian and Ubuntu: apt install python3-venv"),
+        (
+            PYTHON,
+            "Max retries exceeded with url",
+            "no network: the package index cannot be reached",
+        ),
+        (PYTHON, "OSError: [Errno 28] No space left on device", "the disk is full"),
+        (PYTHON, "ERROR: no such thing", "build/install.log: ERROR: no such thing"),
+    ],
+)
+def test_what_is_missing_is_said_in_one_line(install, script, pip_says, line):
+    done = install(script, pip_says=pip_says)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("pypose_lite: ") and line in done.stderr
+
+
+def test_a_python_that_is_not_there_is_named(tmp_path, install):
+    install(PYTHON)
+    command = [".ci/install", "python9"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.stderr == "pypose_lite: there is no python9\n"
+
+
+def test_a_complete_installation_leaves_its_stamp(tmp_path, install):
+    assert install(PYTHON).returncode == 0
+    assert (tmp_path / ".venv" / ".installed").exists()
+    assert not (tmp_path / ".venv" / ".unfinished").exists()
+    assert log(tmp_path)[1].endswith("-c constraints.txt -e .[book,test]")
+
+
+def test_an_interrupted_installation_leaves_no_stamp_and_is_begun_anew(tmp_path, install):
+    install(PYTHON, pip_says="interrupted")
+    assert not (tmp_path / ".venv" / ".installed").exists()
+    assert install(PYTHON).returncode == 0
+    assert log(tmp_path).count("made") == 2
+
+
+def test_changed_requirements_are_installed_into_the_environment_that_is_there(tmp_path, install):
+    install(PYTHON)
+    install(PYTHON)
+    assert log(tmp_path).count("made") == 1
+
+
+def test_an_extra_is_installed_beside_the_rest(tmp_path, install):
+    install(PYTHON)
+    install(PYTHON, "bench")
+    assert (tmp_path / ".venv" / ".installed-bench").exists()
+    assert log(tmp_path)[-1].endswith("-e .[book,test,bench]")
+
+
+def test_make_installs_nothing_a_second_time(tmp_path):
+    for name in ("Makefile", "pyproject.toml", "constraints.txt", "requirements-vendor.txt"):
+        shutil.copy(ROOT / name, tmp_path)
+    (tmp_path / ".ci").mkdir()
+    (tmp_path / ".ci" / "install").touch()
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / ".installed").touch()
+    for path in tmp_path.glob("*.t*"):
+        os.utime(path, (0, 0))
+    os.utime(tmp_path / ".ci" / "install", (0, 0))
+    command = ["make", "--question", ".venv/.installed"]
+    assert subprocess.run(command, cwd=tmp_path, timeout=60).returncode == 0
+    (tmp_path / "pyproject.toml").touch()
+    assert subprocess.run(command, cwd=tmp_path, timeout=60).returncode == 1

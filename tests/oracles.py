@@ -14,7 +14,7 @@ def close(a, b, atol=1e-12):
 
 
 def draw(g, *shape, dtype=torch.float64):
-    return torch.randn(*shape, generator=g, dtype=dtype)
+    return torch.randn(shape, generator=g, dtype=dtype)
 
 
 def matrices(g, n, m, lead=(), radius=0.9):

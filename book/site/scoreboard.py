@@ -55,7 +55,7 @@ def unrepeated(first: Claims, second: Claims) -> Iterator[str]:
             yield f"{'.'.join(key)}: claimed in one run only"
         elif not first[key].varies:
             a, b = first[key].value, second[key].value
-            if not math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-12):
+            if not math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-9):
                 yield f"{'.'.join(key)}: {a!r} in one run, {b!r} in the other"
 
 

@@ -393,14 +393,14 @@ def steer(turn_rate, speed=turn, slip=0.0):
     inputs = torch.tensor([[speed, turn_rate]] * 64 + [[speed, -turn_rate]] * 64)
     states = roll(pp.DubinsCar(dt, slip), infinity.waypoints()[0], inputs)
     fig, ax = plt.subplots(figsize=(7, 3.8))
-    plotting.infinity_axes(ax, margin=1).set_ylim(-2, 2.5)
+    plotting.infinity_axes(ax, margin=1.3).set_ylim(-2.4, 3)
     plotting.plot_waypoints(ax, infinity.waypoints())
     plotting.plot_states(ax, states, label="car")
-    ax.legend(loc="upper left", ncols=2)
+    ax.legend(loc="lower left")
     return fig
 
 
-widgets.panels(steer, [0.8, 0.9, 0.98, 1.1, 1.5], "turn rate (rad/s)")
+widgets.panels(steer, [0.85, 0.92, 0.98, 1.1, 1.5], "turn rate (rad/s)")
 
 # %% [markdown]
 # In JupyterLab there are three more sliders below. Give the car a slip, then find the turn rate

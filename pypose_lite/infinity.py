@@ -101,6 +101,7 @@ class RealRobot:
 
     def __init__(self, robot, dt: float, like: Tensor):
         self.robot, self.dt, self.like = robot, dt, like
+        self.x = self.look()
 
     def look(self) -> Tensor:
         """Returns where the robot says it is, as a state ``(4,)``."""
@@ -166,7 +167,7 @@ def drive(
     Q, R = process_noise**2 * eye, observation_noise**2 * eye
     X, P = SimulatedCar(car, x, 0, PRIOR, generator).look(), (PRIOR**2 * eye).expand(*x.shape, 4)
     goal, warm = torch.ones(x.shape[:-1], dtype=torch.int64, device=x.device), list[Tensor]()
-    start, xs, log = car.systime, [x], list[tuple[Tensor, ...]]()
+    start, xs, log = car.systime, [world.x], list[tuple[Tensor, ...]]()
     try:
         for _ in range(steps):
             y = world.look()  # (1)

@@ -70,6 +70,12 @@ def test_the_plan_begins_with_the_car(waypoints, cars):
     close(plan[..., 2:].norm(dim=-1), torch.ones(5, 20))
 
 
+def test_only_the_direction_of_an_estimated_heading_counts(waypoints, cars):
+    x, index = cars
+    scale = torch.tensor([1, 1, 0.7, 0.7], dtype=F64)
+    close(local_plan(x * scale, waypoints, index), local_plan(x, waypoints, index), atol=1e-10)
+
+
 def test_the_plan_passes_every_waypoint_in_its_direction(waypoints, cars):
     x, index = cars
     curve = path(torch.cat([x[0, None], waypoints[index[0] :]]))

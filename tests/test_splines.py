@@ -353,6 +353,15 @@ def test_heading_and_curvature_of_a_parabola():
     close(curvature(-3 * velocity, 9 * acceleration), -2 / (1 + 4 * x**2) ** 1.5)  # backwards
 
 
+def test_curvature_depends_on_neither_frame_nor_speed():
+    velocity, acceleration = parabola(torch.linspace(-2, 2, 9, dtype=F64))
+    turn = torch.tensor([[0.6, 0.8], [-0.8, 0.6]], dtype=F64)  # of the rows
+    flip = torch.tensor([-1.0, 1.0], dtype=F64)
+    k, faster = curvature(velocity, acceleration), acceleration + 3 * velocity
+    close(curvature(velocity @ turn, faster @ turn), k)
+    close(curvature(velocity * flip, acceleration * flip), -k)
+
+
 def test_heading_and_curvature_at_rest_are_defined_and_have_finite_gradients():
     v = torch.zeros(2, dtype=F64, requires_grad=True)
     a = torch.ones(2, dtype=F64, requires_grad=True)
@@ -434,6 +443,14 @@ def test_distances_beyond_the_ends_are_the_ends():
     assert ((0 <= t) & (t <= 2)).all()
 
 
+def test_a_distance_is_found_from_a_guess_where_the_curve_rests():
+    """The speed is 12 (u - 1/4)^2, and the first guess for a quarter of the length is 1/4."""
+    end, leaving, arriving = (torch.tensor([[x]], dtype=F64) for x in (1.75, 0.75, 6.75))
+    spline = hermite_segments(torch.cat([0 * end, end]), leaving, arriving)
+    t = parameter_at(spline, torch.tensor([1.75 / 4], dtype=F64))
+    close(t, [0.25 + 0.09375 ** (1 / 3)])
+
+
 @pytest.mark.parametrize("check", [gradcheck, gradgradcheck])
 def test_points_at_given_distances_have_the_right_gradients(check):
     p = smooth(4).requires_grad_()
@@ -451,6 +468,9 @@ def test_lengths_of_curves_that_rest_have_finite_gradients():
     spline = uniform_bspline(p, extrapolate=True)
     spline(evenly_spaced(spline, 7)).sum().backward()
     assert p.grad.isfinite().all()
+    s = torch.zeros(1, dtype=F64, requires_grad=True)
+    parameter_at(spline, s).backward()
+    assert s.grad == 0
 
 
 def test_lengths_work_in_float32():

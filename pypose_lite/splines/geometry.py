@@ -65,15 +65,17 @@ def parameter_at(spline: Spline, distance: Tensor) -> Tensor:
     knots = arc_length(spline)
     batch = torch.broadcast_shapes(knots.shape[:-1], distance.shape[:-1])
     knots, distance = knots.expand(*batch, -1), distance.expand(*batch, -1)
-    distance = distance.clamp(min=0).minimum(knots[..., -1:])
+    distance = distance.clamp(min=0).minimum(knots[..., -1:])  # what lies beyond ends at once
     segment = torch.searchsorted(knots[..., 1:].detach().contiguous(), distance.detach())
     segment = segment.clamp(max=spline.segments - 1)
     rest = distance - knots.take_along_dim(segment, -1)
     pieces = spline.take(segment)
     with torch.no_grad():
         u = _search(pieces, rest)
-    for _ in range(2):  # from the root, two steps of Newton carry two derivatives
-        u = u - _newton(pieces, u, rest)[1]
+    for _ in range(2):  # from the root, two of Newton's steps carry two derivatives
+        speed = _speed(pieces, u)
+        slope = torch.where(speed > 0, speed, 1)
+        u = u - torch.where(speed > 0, (_length(pieces, u) - rest) / slope, 0)
     return segment + u.clamp(0, 1)
 
 
@@ -92,20 +94,14 @@ def _search(pieces: Spline, rest: Tensor) -> Tensor:
     whole = _length(pieces, high)
     u = torch.where(whole > 0, rest / whole, 0)  # exact at both ends
     for _ in range(SEARCH):
-        excess, step = _newton(pieces, u, rest)
+        excess = _length(pieces, u) - rest
         low, high = torch.where(excess < 0, u, low), torch.where(excess < 0, high, u)
-        inside = (u - step >= low) & (u - step <= high)
-        u = torch.where(inside, u - step, (low + high) / 2)
-        if step.abs().max() < torch.finfo(u.dtype).eps ** 0.5:  # the next step would square it
+        newton = u - excess / _speed(pieces, u)  # outside, or NaN, where the curve rests
+        inside = (newton >= low) & (newton <= high)
+        before, u = u, torch.where(inside, newton, (low + high) / 2)
+        if (u - before).abs().max() < torch.finfo(u.dtype).eps ** 0.5:  # the next would square it
             break
     return u
-
-
-def _newton(pieces: Spline, u: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
-    """How far the length at u exceeds ``rest``, and Newton's step for it (0 at rest)."""
-    excess, speed = _length(pieces, u) - rest, _speed(pieces, u)
-    moving = speed > 0
-    return excess, torch.where(moving, excess / torch.where(moving, speed, 1), 0)
 
 
 def _length(pieces: Spline, u: Tensor) -> Tensor:

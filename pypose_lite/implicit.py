@@ -29,20 +29,18 @@ from .shapes import bmv
 def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solution:
     """Returns the same solution with a graph to x_init and to whatever made the problem.
 
-    Warns where the solution has not converged: (1) holds at solutions only.
+    Warns where sweeps were ended before the slope vanished: (1) holds at solutions only.
     """
-    if not solution.converged.all():
-        count = int((~solution.converged).sum())
-        warnings.warn(
-            f"{count} plans have not converged: their gradients are not exact", stacklevel=3
-        )
     X, U = solution.X, solution.U
     with torch.no_grad():
         _, A, B, q, _ = model(problem, X, U)
-        push = q[..., : U.shape[-1]] + bmv(B.mT, costates(A, q))
+        now, later = q[..., : U.shape[-1]], bmv(B.mT, costates(A, q))
+        push = now + later
         low = torch.zeros_like(U) if problem.lower is None else (U <= problem.lower) & (push > 0)
         high = torch.zeros_like(U) if problem.upper is None else (U >= problem.upper) & (push < 0)
         clamped = low.bool() | high.bool()
+        small = torch.finfo(U.dtype).eps ** 0.5 * (now.abs() + later.abs())
+        _warn(~solution.converged & ((push.abs() > small) & ~clamped).any(0).any(-1))
     with torch.enable_grad():
         U = U.detach().requires_grad_()
         U = U if problem.lower is None else torch.where(low, problem.lower, U)
@@ -52,6 +50,12 @@ def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solu
         U = _Implicit.apply(U, g, problem, solution.X, clamped)
         X = rollout(problem, x_init, U)
         return solution._replace(X=X, U=U, cost=problem.cost(X, U))
+
+
+def _warn(wrong: Tensor) -> None:
+    if wrong.any():
+        count = int(wrong.sum())
+        warnings.warn(f"{count} plans have not converged: their gradients are not exact", stacklevel=4)
 
 
 class _Implicit(Function):

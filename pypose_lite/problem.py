@@ -153,6 +153,7 @@ class OptimalControl(nn.Module):
         t = self.system.systime + torch.arange(self.T, device=self.system.systime.device)
         problem = Problem(self.system, t, *parts)
         problem.check(m)
+        x_init = x_init.clone()  # of x[i], where a loop writes x[i+1] beside it
         return problem, x_init.expand(*batch, n), U.expand(self.T, *batch, m)
 
     def _sizes(self, x_init: Tensor) -> tuple[int, int]:

@@ -80,6 +80,7 @@ class System(nn.Module):
         """
         state, input = _vector("state", state), _vector("input", input)
         self.check_point("state", state, input)
+        state = state.clone()  # x[i+1], y[i] = system(x[i], u[i]) writes beside it
         self._last = (state.detach(), input.detach())
         return self.transition(state, input), self.observe(state, input)
 

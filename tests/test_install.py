@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-OLD = '[ "$1" = -V ] && { echo Python 3.9.2; exit; }\nexit 1'
+OLD = """
+[ "$1" = -V ] && { echo Python 3.10.9; exit; }
+exec python3 -c "import sys; sys.version_info = (3, 10, 9); $2"
+"""
 BARE = 'case "$2" in *ensurepip*) exit 1 ;; esac'
 # Stands for Python: makes a .venv whose pip says $PIP_SAYS and, unless that is empty, fails.
 PYTHON = """
@@ -47,7 +50,7 @@ def log(folder):
 @pytest.mark.parametrize(
     ("script", "pip_says", "line"),
     [
-        (OLD, "", "Python 3.11 or newer is needed, ./python is Python 3.9.2"),
+        (OLD, "", "Python 3.11 or newer is needed, ./python is Python 3.10.9"),
         (BARE, "", "./python has no venv module; on Debian and Ubuntu: apt install python3-venv"),
         (
             PYTHON,

@@ -12,7 +12,7 @@ import jupytext
 import pytest
 
 ROOT = Path(__file__).parents[2]
-CHAPTER = ROOT / "book" / "01_systems.py"
+CHAPTER = ROOT / "book" / "03_mpc.py"
 
 playwright = pytest.importorskip("playwright.sync_api")
 

@@ -80,6 +80,7 @@ def test_a_measured_number_in_prose_is_found(prose):
         "The paper has 0.2045 m, 0.1803 m, 0.1802 m and 0.0959 m.",
         "Rate 20 Hz, reach 0.3 m. <!-- given: 20 Hz, 0.3 m -->",
         "Time: 90 minutes.\n\n<!-- given: 90 minutes -->",
+        "<!-- a note to ourselves:\n0.21 m > 0.2 m -->",
         "a 2-D world, the 3rd member, x10 s_3, chapter 3 shows",
         "3 monkeys, 4 sheep and 5 hertzes",
     ],

@@ -55,7 +55,9 @@ def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solu
 def _warn(wrong: Tensor) -> None:
     if wrong.any():
         count = int(wrong.sum())
-        warnings.warn(f"{count} plans have not converged: their gradients are not exact", stacklevel=4)
+        warnings.warn(
+            f"{count} plans have not converged: their gradients are not exact", stacklevel=4
+        )
 
 
 class _Implicit(Function):

@@ -73,7 +73,7 @@ class _Implicit(Function):
     @once_differentiable
     def backward(ctx: Any, v: Tensor):
         X, U, clamped = ctx.saved_tensors
-        to_g = newton_step(ctx.problem, X, U, torch.where(clamped, 0, v), clamped)
+        to_g = newton_step(ctx.problem, X, U, torch.where(clamped, 0, v), clamped)  # (1)
         return v, to_g, None, None, None
 
 

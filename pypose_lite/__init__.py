@@ -5,11 +5,12 @@ The public names, in the order of the book.
 
 from . import filters, infinity, lie, module, planner, splines, utils
 from .filters import EKF, PF, UKF, smooth
-from .lie import SE3, is_SE3, randn_SE3
+from .lie import SE3, identity_SE3, is_SE3, randn_SE3, se3
 from .linear import LTI, LTV
 from .lqr import LQR
 from .models import CartPole, DubinsCar, Pendulum
 from .mpc import MPC, Plan, shift
+from .planner import local_plan
 from .riccati import dlqr
 from .shapes import bmv, bvmv, bvv
 from .splines import bspline, chspline
@@ -40,12 +41,15 @@ __all__ = [
     "chspline",
     "dlqr",
     "filters",
+    "identity_SE3",
     "infinity",
     "is_SE3",
     "lie",
+    "local_plan",
     "module",
     "planner",
     "randn_SE3",
+    "se3",
     "shift",
     "smooth",
     "splines",

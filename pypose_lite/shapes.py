@@ -15,9 +15,8 @@ def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
     """Returns the sizes that the letters of a contract stand for, or says what does not fit.
 
     ``check("A: n n, B: n m", A, B)`` asks for ``A (..., n, n)`` and ``B (..., n, m)`` of one
-    floating dtype, on one device, finite, with leading dimensions that broadcast. A contract
-    that begins with ``...`` is not told from one that does not: leading dimensions are always
-    allowed. A tensor that is None is passed over.
+    floating dtype, on one device, finite, with leading dimensions that broadcast. A tensor that
+    is None is passed over.
 
     Args:
         spec: one ``name: letters`` for each tensor, separated by commas.
@@ -94,7 +93,7 @@ def over_time(name: str, value: Tensor, sizes: tuple[int, ...], T: int, batch: t
 def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=False) -> None:
     """Raises ValueError where x is not floating, on another device, not finite, or unlike other.
 
-    NaN never passes; infinity does where ``infinite`` allows it. Inside vmap, and while torch
+    NaN never passes; infinity does where ``infinite`` allows it. Inside transforms, and while torch
     compiles, numbers cannot be asked for, and only the kinds are compared.
     """
     if x is None:
@@ -107,7 +106,7 @@ def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=F
             f"{name}: expected {other.dtype} on {other.device} like {whose}, "
             f"got {x.dtype} on {x.device}"
         )
-    if torch.compiler.is_compiling() or torch._C._functorch.is_batchedtensor(x):
+    if torch.compiler.is_compiling() or torch._C._functorch.is_functorch_wrapped_tensor(x):
         return
     if math.isfinite(x.detach().sum()):  # quicker than to ask every number
         return
@@ -141,6 +140,7 @@ def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
     return bvv(lvec, bmv(mat, rvec))
 
 
+@functools.cache
 @functools.cache
 def _parse(spec: str) -> tuple[tuple[str, list[str]], ...]:
     """``"A: n n, b: n" -> (("A", ["n", "n"]), ("b", ["n"]))``."""

@@ -26,7 +26,7 @@ book: site
 	@printf '\nThe book: file://%s\n' "$(CURDIR)/$(SITE)"
 
 test: lint site
-	pytest book solutions -q -n 2 --dist loadfile
+	pytest book $(wildcard solutions) -q -n 2 --dist loadfile
 	python book/site/scoreboard.py build/executed build/claims
 	pytest tests -q -n 2 --dist loadfile
 

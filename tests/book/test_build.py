@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import equations
 import execute
 import nbformat
 import pytest
@@ -139,3 +140,20 @@ def test_what_pytest_records_is_what_the_build_gathers(run_book, tmp_path):
     root, _ = run_book({"05_x.py": CLAIM.format(0.25)})
     execute.execute(root / "book" / "05_x.py", tmp_path / "05_x.ipynb")
     assert scoreboard.recorded(root / "build" / "claims") == scoreboard.gather(tmp_path) != {}
+
+
+@pytest.mark.parametrize(
+    ("docstring", "literal"),
+    [
+        ("Returns x.\n\n    x = f(x) |h + k|   (1)\n    y = g(x)           (2)\n\nMore.", True),
+        ("Returns x.\n\n    a quotation (see page 1)\n\nMore.", False),
+        ("Returns x.\n\nArgs:\n    x: the state (1)\n", False),
+    ],
+)
+def test_numbered_equations_of_a_docstring_are_shown_as_written(docstring, literal):
+    lines = docstring.split("\n")
+    equations.as_written(None, "function", "f", None, None, lines)
+    assert (lines[2:4] == ["::", ""]) is literal
+    assert [line for line in lines if line != "::" and line] == [
+        line for line in docstring.split("\n") if line
+    ]

@@ -11,7 +11,7 @@ from pathlib import Path
 import jupytext
 import nbformat
 from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError, CellTimeoutError
+from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
 from pypose_lite.teaching.claims import claims_in
 from pypose_lite.teaching.proofread import complaints
@@ -40,5 +40,5 @@ if __name__ == "__main__":
     chapter, target = map(Path, sys.argv[1:])
     try:
         print(execute(chapter, target), flush=True)
-    except (CellExecutionError, CellTimeoutError, ValueError) as error:
+    except (CellExecutionError, CellTimeoutError, DeadKernelError, ValueError) as error:
         sys.exit(f"{chapter}: {error}")

@@ -482,8 +482,8 @@ claim("no_q_nis", seen["no Q"][2], above=3.7, below=4.3)
 #
 # None is plainly wrong. The late filter is {claim}`late_error` off, but mostly *along* the path:
 # from the curve it is only {claim}`late_on_the_map`. The missing $Q$ leaves NIS at
-# {claim}`no_q_nis`: the sensor is so noisy that in one lap a little too much confidence is lost in it. NEES,
-# {claim}`no_q_nees` where 2 is right, knows.
+# {claim}`no_q_nis`: the sensor is so noisy that in one lap a little too much confidence is lost in
+# it. NEES, {claim}`no_q_nees` where 2 is right, knows.
 #
 # </details>
 #

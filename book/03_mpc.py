@@ -370,11 +370,10 @@ claim("saved_at_new_aim", saved[~same_aim].mean(), above=-1, below=2)
 # better than 10?
 
 # %%
-laps, errors = {}, {}
+laps = {}
 for h in [2, 3, 4, 6, 10, 20]:
-    laps[h] = run = infinity.drive(pp.MPC(car, Q, p, h, few.stepper), steps=50)
-    if run.finished:
-        errors[h] = infinity.tracking_error(run.x).mean()
+    laps[h] = infinity.drive(pp.MPC(car, Q, p, h, few.stepper), steps=50)
+errors = {h: infinity.tracking_error(r.x).mean() for h, r in laps.items() if r.finished}
 
 
 def look_ahead(h):
@@ -384,6 +383,7 @@ def look_ahead(h):
     right.plot(errors.keys(), errors.values(), "o-", color=plotting.GREY)
     right.axvline(h, ls="--")
     right.set(xlabel="horizon T (steps)", ylabel="mean error (m)", ylim=(0, 0.03))
+    right.legend(["finished", "this horizon"], loc="lower right")
     return fig
 
 
@@ -424,7 +424,7 @@ def explore(q, horizon=10):
     plotting.plot_waypoints(plotting.infinity_axes(left, title), W)
     plotting.plot_states(left, run.x[0])
     plot_inputs(right, run.u[0])
-    right.set(ylim=(-12, 16))
+    right.set(ylim=(-12, 20))
     return fig
 
 

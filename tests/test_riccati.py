@@ -57,16 +57,19 @@ def test_a_step_gives_the_least_cost_and_the_input_that_attains_it(g, n, m):
         assert all(value(V, M, G, x, K @ one + 0.1 * draw(g, m)) > best for _ in range(5))
 
 
-def test_the_cost_to_go_stays_symmetric_where_a_shorter_formula_does_not(g):
-    """1000 steps in float32, of a system that is unstable but for its inputs."""
-    A, B, _, _, _, _ = (z.float() for z in matrices(g, 4, 1, radius=1.2))
-    M = homogeneous_cost(torch.eye(5) * 1.0, torch.zeros(5)).float()
-    V = homogeneous_cost(1e4 * torch.eye(4), torch.zeros(4)).float()
-    G = homogeneous_dynamics(A, B)
+def test_the_cost_to_go_is_that_of_the_gains_also_where_a_box_clamps_them(g):
+    """So that a sweep knows what to promise; and it stays symmetric, in float32 as well."""
+    V, M, G = step_problem(g, 3, 2)
+    before, K, _ = riccati_step(V, M, G, (torch.full((2,), -0.1), torch.full((2,), 0.1)))
+    close(K[:, -1].abs(), torch.full((2,), 0.1))
+    for _ in range(3):
+        one = torch.cat([x := draw(g, 3), torch.ones(1)])
+        close(value(V, M, G, x, K @ one), one @ before @ one / 2)
+    V, M, G = (z.float() for z in (V, M, G))
     for _ in range(1000):
         V, _, failed = riccati_step(V, M, G)
         assert not failed
-    assert (V - V.mT).abs().max() <= 1e-6 * V.abs().max()
+    assert (V - V.mT)[:3, :3].abs().max() <= 1e-6 * V[:3, :3].abs().max()
 
 
 @pytest.mark.parametrize("lead", BATCHES[1:], ids=str)
@@ -110,6 +113,22 @@ def test_inputs_that_do_not_disturb_each_other_are_clipped_into_their_box(g):
     close(K[:, -1], torch.minimum(torch.maximum(u, lower), upper))
     close(K[[0], :-1], free[[0], :-1])
     close(K[1:, :-1], torch.zeros(3, 3), 0)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_an_input_that_is_clamped_leaves_the_others_the_best_of_the_rest(g, side):
+    """One is bounded, short of where it would go: the others are solved for with it held."""
+    V, M, G = step_problem(g, 3, 3)
+    H = M + G.mT @ V @ G
+    free = riccati_step(V, M, G)[1][:, -1]
+    bound = free[1] - side * 0.7
+    low, high = torch.full((3,), -torch.inf), torch.full((3,), torch.inf)
+    (high if side > 0 else low)[1] = bound
+    K = riccati_step(V, M, G, (low, high))[1]
+    rest = [0, 2]
+    want = -torch.linalg.solve(H[rest][:, rest], H[rest, -1] + H[rest, 1] * bound)
+    close(K[rest, -1], want), close(K[1, -1], bound)
+    assert (K[rest, -1] - free[rest]).abs().min() > 1e-3
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 5])

@@ -59,7 +59,7 @@ class LQR(OptimalControl):
             problem = problem.near(U)
             solution = optimize(problem, x_init, U, sweeps=200)
             if not solution.converged.all():
-                warnings.warn("no end was found in 200 sweeps: a better plan is near", stacklevel=2)
+                warnings.warn("the bounded plan has not converged in 200 sweeps", stacklevel=2)
             if torch.is_grad_enabled() and problem.requires_grad(x_init):
                 solution = differentiable(problem, x_init, solution)
             X, U, cost = solution.X, solution.U, solution.cost

@@ -22,7 +22,7 @@ class Plan(NamedTuple):
     x: Tensor  # states, (..., T+1, n)
     u: Tensor  # inputs, (..., T, m)
     cost: Tensor  # (...)
-    converged: Tensor  # whether no better plan is near, (...), bool
+    converged: Tensor  # whether the cost has no slope left but out of the bounds, (...), bool
     iterations: Tensor  # how many sweeps it took, (...)
     history: Tensor  # the cost at the start and after each sweep, (sweeps + 1, ...)
 

@@ -529,5 +529,5 @@ def test_a_bounded_plan_that_finds_no_end_says_so(g):
     """At rest where the cost is largest: every way down is as good."""
     Q = torch.diag(torch.tensor([-99, -99, 0.1]))
     A, B, C, D, _, _ = matrices(g, 2, 1)
-    with pytest.warns(UserWarning, match="no end was found in 200 sweeps"):
+    with pytest.warns(UserWarning, match="the bounded plan has not converged in 200 sweeps"):
         pp.LQR(pp.LTI(A, B, C, D), Q, None, 2)(torch.zeros(2), 1, None, -1.0, 1.0)

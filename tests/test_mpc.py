@@ -20,6 +20,7 @@ from oracles import (
 )
 
 import pypose_lite as pp
+from pypose_lite import ilqr
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -112,6 +113,20 @@ def test_the_cost_never_rises_where_plain_sweeps_raise_it():
     plan = pp.MPC(Winds(), Q, None, 6).solve(None, x)
     assert (plan.history.diff() <= 1e-13).all() and plan.cost < min(plain)
     assert plan.converged and slope(Winds(), x, plan.u, Q).abs().max() < 1e-6
+
+
+def test_a_shorter_step_shortens_the_change_and_not_the_feedback(g):
+    """Several lengths at once, on a batch: each as by hand."""
+    mpc, x = pp.MPC(Clockwork().reset(1), torch.eye(3), None, 4), draw(g, 3, 2)
+    problem, x_init, U = mpc._pose(x, None, draw(g, 3, 4, 1), None, None, None)
+    X, K = ilqr.rollout(problem, x_init, U), draw(g, 4, 3, 1, 3)
+    lengths = torch.tensor([1.0, 0.3])
+    Xs, Us = ilqr.follow(problem, x_init, X, U, K, lengths[:, None, None])
+    for i, step in enumerate(lengths):
+        for t in range(4):
+            feedback = pp.bmv(K[t, ..., :-1], Xs[t, i] - X[t])
+            close(Us[t, i], U[t] + step * K[t, ..., -1] + feedback)
+            close(Xs[t + 1, i], problem.system.transition(Xs[t, i], Us[t, i], 1 + t))
 
 
 def test_a_target_out_of_reach_is_approached_and_the_plan_converges():

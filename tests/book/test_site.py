@@ -121,17 +121,13 @@ def test_mathematics_is_typeset(name, page):
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
-def test_sliders_move_pictures_without_a_kernel(name, page):
-    page.goto((HTML / f"{name}.html").as_uri(), wait_until="networkidle")
-    for box in page.locator("div.output:has(.noUi-handle)").all():
+def test_every_widget_is_drawn_and_its_slider_moves_it_without_a_kernel(name, page):
+    page.goto((HTML / f"{name}.html").as_uri())
+    widgets = page.locator('script[type="application/vnd.jupyter.widget-view+json"]').count()
+    boxes = page.locator(".jupyter-widgets.widget-vbox:has(.noUi-handle):has(img)")
+    playwright.expect(boxes).to_have_count(widgets, timeout=60_000)
+    for box in boxes.all():
         picture = box.locator("img:visible")
         before = picture.get_attribute("src")
         box.locator(".noUi-handle").first.press("ArrowRight")
         playwright.expect(picture).not_to_have_attribute("src", before)
-
-
-@pytest.mark.parametrize("name", CHAPTERS)
-def test_every_widget_of_a_chapter_is_drawn(name, page):
-    page.goto((HTML / f"{name}.html").as_uri(), wait_until="networkidle")
-    widgets = page.locator('script[type="application/vnd.jupyter.widget-view+json"]').count()
-    assert page.locator(".jupyter-widgets.widget-vbox:has(img)").count() == widgets

@@ -30,8 +30,6 @@ def nis(innovation: Innovation) -> Tensor:
 
     Of a consistent filter it is chi-square distributed, with as many degrees of freedom as rows
     were seen, and independent from step to step.
-
-    Source: as for :func:`nees`.
     """
     e, S, _ = innovation
     return squared_distance(e.unsqueeze(-1), S, "the innovation's covariance")[0].squeeze(-1)
@@ -40,16 +38,13 @@ def nis(innovation: Innovation) -> Tensor:
 def chi_square_interval(dof: int, runs: int = 1, level: float = 0.95) -> tuple[float, float]:
     """Returns where the mean of ``runs`` independent NEES or NIS of a consistent filter lies.
 
-    Their sum is chi-square distributed with ``runs * dof`` degrees of freedom; the interval
-    leaves ``(1 - level) / 2`` out at each end.
+    Their sum is chi-square distributed with ``runs * dof`` degrees of freedom.
 
     Args:
         dof: degrees of freedom of one: n for the NEES, p for the NIS.
         runs: how many are averaged.
-        level: how likely the mean is to lie inside, between 0 and 1.
-
-    Raises:
-        ValueError: for numbers that make no sense.
+        level: how likely the mean is to lie inside, between 0 and 1; each end leaves out half
+            of the rest.
     """
     if not (dof > 0 and runs > 0 and 0 < level < 1):
         raise ValueError(f"expected dof > 0, runs > 0, 0 < level < 1, got {dof}, {runs}, {level}")

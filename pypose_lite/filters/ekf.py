@@ -10,15 +10,14 @@ from .gaussian import Joint, factor
 class EKF(GaussianFilter):
     """Extended Kalman filter: ``x[i+1], P = ekf(x[i], y[i], u[i], P, Q, R)``.
 
-    Sees the model through its tangents at the estimate:
+    It sees the model through its tangents at the estimate:
 
         g(x + dx) = g(x) + C dx      (1)
         f(x + dx) = f(x) + A dx      (2)
 
-    so that an update is S = C P C' + R, K = P C' S^-1, x <- x + K (y - g(x)), P <- (I - K C) P
-    (I - K C)' + K R K', and a prediction x' = f(x), P' = A P A' + Q. With P = L L' all of it is
-    computed from L and C L, which keeps twice as many digits of a variance as C P would. On a
-    linear system this is the Kalman filter.
+    An update is S = C P C' + R, K = P C' S^-1, x <- x + K (y - g(x)), P <- (I - K C) P (I - K C)'
+    + K R K'; a prediction x' = f(x), P' = A P A' + Q. Both are computed from L, where P = L L',
+    and C L: small variances keep twice as many digits.
 
     Args:
         model: the system; of its Jacobians only A and C are taken, once each.

@@ -120,7 +120,7 @@ def known_rows(
         return residual(y, z), R, None
     known, one = ~missing, torch.eye(R.shape[-1], dtype=R.dtype, device=R.device)
     R = torch.where(known.unsqueeze(-1) & known.unsqueeze(-2), R, one)
-    return residual(torch.where(known, y, z), z) * known, R, known
+    return residual(torch.where(known, y, z), z), R, known
 
 
 def observed(

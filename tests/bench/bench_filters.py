@@ -45,13 +45,13 @@ def step():
 
 
 @pytest.mark.parametrize("name", OURS)
-def bench_ours(benchmark, step, name):
+def test_ours(benchmark, step, name):
     benchmark.group = f"one {name} step"
     benchmark(OURS[name](car(pypose_lite.module)), *step)
 
 
 @pytest.mark.parametrize("name", OURS)
-def bench_ours_vectorized(benchmark, step, name):
+def test_ours_vectorized(benchmark, step, name):
     benchmark.group = f"one {name} step"
     model = car(pypose_lite.module)
     model.vectorized = True
@@ -59,13 +59,13 @@ def bench_ours_vectorized(benchmark, step, name):
 
 
 @pytest.mark.parametrize("name", OURS)
-def bench_pypose(benchmark, step, name):
+def test_pypose(benchmark, step, name):
     module = pytest.importorskip("pypose").module
     benchmark.group = f"one {name} step"
     benchmark(getattr(module, name)(car(module)), *step)
 
 
-def bench_filterpy_ekf(benchmark, step):
+def test_filterpy_ekf(benchmark, step):
     """Jacobians written by hand, in NumPy: what one step costs without torch."""
     kalman = pytest.importorskip("filterpy.kalman")
     benchmark.group = "one EKF step"
@@ -91,7 +91,7 @@ def bench_filterpy_ekf(benchmark, step):
 
 @pytest.mark.parametrize("cars", [1, CARS])
 @pytest.mark.parametrize("name", OURS)
-def bench_a_batch(benchmark, step, name, cars):
+def test_a_batch(benchmark, step, name, cars):
     benchmark.group = f"{name}, one car and {CARS}"
     x, y, u, *rest = step
     batch = (cars,) if cars > 1 else ()

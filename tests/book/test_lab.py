@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 CHAPTER = ROOT / "book" / "03_mpc.py"
+ERROR = '[data-mime-type="application/vnd.jupyter.error"]'
 
 playwright = pytest.importorskip("playwright.sync_api")
 
@@ -58,16 +59,28 @@ def await_answer(address):
 
 @pytest.fixture
 def notebook(lab, page):
-    """The chapter in JupyterLab, after all its cells have run."""
+    """The chapter in JupyterLab, after its cells have run: all of them, or up to an error."""
     page.goto(f"{lab}/lab/tree/chapter.ipynb?reset")
     page.locator(".jp-Notebook").wait_for(state="visible")
     indicator = page.locator('.jp-NotebookPanel-toolbar [data-status="idle"]')
     indicator.first.wait_for(state="visible")
-    page.get_by_text("Run", exact=True).first.click()
-    page.get_by_text("Run All Cells", exact=True).click()
-    last = page.locator(".jp-CodeCell .jp-InputPrompt").last
-    playwright.expect(last).to_have_text(f"[{code_cells()}]:", timeout=180_000)
+    prompts = page.locator(".jp-CodeCell .jp-InputPrompt")
+    run_all(page, prompts.first)
+    ended = prompts.last.filter(has_text=f"[{code_cells()}]:").or_(page.locator(ERROR))
+    ended.first.wait_for(state="attached", timeout=300_000)
     return page
+
+
+def run_all(page, prompt):
+    """Chooses "Run All Cells", again where the click came before the kernel was connected."""
+    for _ in range(4):
+        page.get_by_text("Run", exact=True).first.click()
+        page.get_by_text("Run All Cells", exact=True).click()
+        try:
+            return playwright.expect(prompt).not_to_have_text("[ ]:", timeout=20_000)
+        except AssertionError:
+            continue
+    pytest.fail("JupyterLab did not run the cells")
 
 
 def code_cells():
@@ -75,9 +88,9 @@ def code_cells():
     return sum(cell.cell_type == "code" for cell in jupytext.read(CHAPTER).cells)
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(480)
 def test_a_chapter_runs_in_jupyterlab_and_its_sliders_redraw_the_figures(notebook):
-    assert notebook.locator('[data-mime-type="application/vnd.jupyter.error"]').count() == 0
+    assert notebook.locator(ERROR).all_inner_texts() == []
     boxes = notebook.locator(".jp-OutputArea-output:has(.noUi-handle)")
     assert boxes.count() > 0
     for box in boxes.all():

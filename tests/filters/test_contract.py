@@ -210,3 +210,19 @@ def test_pypose_calls_run(g):
     UKF(Bend())(x, y, u, P, Q, R, None, 1.0)
     PF(Bend(), Q, R, 50)(x, y, u, P, t=0)
     assert issubclass(EKF, Filter)
+
+
+def test_the_ekf_takes_each_tangent_once_and_none_in_the_input(g, monkeypatch):
+    model, asked = Bend(), []
+    for name in ("linearize_transition", "linearize_observation"):
+        real = getattr(model, name)
+        monkeypatch.setattr(
+            model,
+            name,
+            lambda *a, real=real, name=name, **kw: asked.append((name, kw)) or real(*a, **kw),
+        )
+    EKF(model)(*one_step(g))
+    assert sorted(asked, key=str) == [
+        ("linearize_observation", {"wrt": "x"}),
+        ("linearize_transition", {"wrt": "x"}),
+    ]

@@ -127,6 +127,8 @@ def drive(
     tolerance: float = TOLERANCE,
     steps: int = 200,
     generator: torch.Generator | None = None,
+    u_lower: Tensor | float | None = None,
+    u_upper: Tensor | float | None = None,
 ) -> Run:
     """Returns one lap through the waypoints, by the paper's loop: look, plan, estimate, move.
 
@@ -153,6 +155,9 @@ def drive(
         tolerance: metres.
         steps: how many at most.
         generator: for the noise, and for the first estimate, drawn with PRIOR.
+        u_lower: lower bound of u, as :meth:`MPC.solve` takes it; a controller of one's own gets
+            it as a keyword. None is not passed on.
+        u_upper: upper bound of u, likewise.
 
     The car's clock is put back and the robot is stopped at the end, also after an error.
     """
@@ -166,6 +171,8 @@ def drive(
     world = simulated if robot is None else RealRobot(robot, car.dt, x)
     Q, R = process_noise**2 * eye, observation_noise**2 * eye
     X, P = SimulatedCar(car, x, 0, PRIOR, generator).look(), (PRIOR**2 * eye).expand(*x.shape, 4)
+    bounds = {"u_lower": u_lower, "u_upper": u_upper}
+    bounds = {name: bound for name, bound in bounds.items() if bound is not None}
     goal, warm = torch.ones(x.shape[:-1], dtype=torch.int64, device=x.device), list[Tensor]()
     start, xs, log = car.systime, [world.x], list[tuple[Tensor, ...]]()
     try:
@@ -178,7 +185,7 @@ def drive(
             if not running.any():
                 break
             target = path[goal.clamp(max=16)] if aim is None else aim(X, goal.clamp(max=16))
-            plan = mpc(car.dt, X, target, *warm)[1]
+            plan = mpc(car.dt, X, target, *warm, **bounds)[1]
             warm = [shift(plan)] if isinstance(mpc, MPC) else []
             u = torch.where(running[..., None], plan[..., 0, :], 0)  # (2)
             log.append((u, y, X, P, goal, running))

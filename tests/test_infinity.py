@@ -1,6 +1,7 @@
 """The running example: its path, its waypoints, and the loop that drives a car around."""
 
 import math
+from functools import partial
 
 import pytest
 import torch
@@ -139,6 +140,41 @@ def test_an_mpc_is_started_from_its_last_plan_shifted():
     assert starts[0] is None
     for start, plan in zip(starts[1:], plans):
         close(start, pp.shift(plan[1]), 0)
+
+
+def test_a_bounded_mpc_is_started_from_its_last_plan_too():
+    starts, plans, low, high = [], [], torch.tensor([0.0, -1.5]), 2.0
+
+    class Watched(pp.MPC):
+        def forward(self, dt, x, target, u_init=None, **bounds):
+            assert bounds == {"u_lower": low, "u_upper": high}
+            starts.append(u_init)
+            plans.append(super().forward(dt, x, target, u_init, **bounds))
+            return plans[-1]
+
+    q = infinity.controller().Q
+    run = infinity.drive(Watched(pp.DubinsCar(), q, None, 6), steps=8, u_lower=low, u_upper=high)
+    for start, plan in zip(starts[1:], plans):
+        close(start, pp.shift(plan[1]), 0)
+    alone = pp.MPC(pp.DubinsCar(), q, None, 6)
+    free = infinity.drive(alone, steps=8)
+    assert (run.u >= low).all() and (run.u <= high).all() and (free.u > high).any()
+    cold = infinity.drive(partial(alone, u_lower=low, u_upper=high), steps=8)
+    close(run.u, cold.u, 1e-7)
+
+
+def test_one_bound_alone_reaches_a_controller_as_a_keyword_and_none_is_not_passed():
+    heard = []
+
+    def controller(dt, x, target, **keywords):
+        heard.append(keywords)
+        return pursue(dt, x, target)
+
+    infinity.drive(controller, steps=1)
+    infinity.drive(controller, steps=1, u_upper=1.5)
+    assert heard == [{}, {"u_upper": 1.5}]
+    with pytest.raises(TypeError, match="u_lower"):
+        infinity.drive(lambda dt, x, target: pursue(dt, x, target), steps=1, u_lower=0.0)
 
 
 def test_a_lap_that_is_cut_short_says_that_it_has_not_finished():

@@ -40,6 +40,15 @@ def pack(name: str, part: object) -> bytes:
         raise
 
 
+def places(part: type) -> dict[str, slice]:
+    """Where each field of a part lies, in bytes from its beginning, by name."""
+    found, start = {}, 0
+    for name, kind, count, _ in _table(part):
+        end = start + struct.calcsize("<" + _format(kind) * (count or 1))
+        found[name], start = slice(start, end), end
+    return found
+
+
 @cache
 def _table(part: Any) -> tuple:
     """The rows (name, kind, count, is it a lone number) of a part."""

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pypose_lite.go1 import protocol
+from pypose_lite.go1.layout import places
 from pypose_lite.go1.pilot import Pilot
 from pypose_lite.go1.protocol import (
     BmsCmd,
@@ -182,6 +183,7 @@ def test_a_field_of_a_command_lies_where_the_specification_says(field, value, of
     flat = (0xA5, 1, 2, 3) if field == "bms" else value if isinstance(value, tuple) else (value,)
     assert struct.unpack_from(layout, data, offset) == flat
     assert getattr(decode_command(data, developer=True), field) == value
+    assert places(HighCmd)[field] == slice(offset, offset + struct.calcsize(layout))
 
 
 @pytest.mark.parametrize(
@@ -217,6 +219,15 @@ def test_a_field_of_a_state_lies_where_the_specification_says(change, offset, la
     data = encode_state(state)
     assert struct.unpack_from(layout, data, offset) == flat
     assert decode_state(data) == state
+
+
+def test_the_places_of_a_states_fields_follow_each_other_as_in_the_specification():
+    found = places(HighState)
+    starts = {"imu": 22, "motor_state": 75, "bms": 835, "foot_force": 869, "mode": 885}
+    starts |= {"position": 895, "velocity": 911, "range_obstacle": 927, "wireless_remote": 1039}
+    assert {name: found[name].start for name in starts} == starts
+    ends = [0, *(place.stop for place in found.values())]
+    assert ends[:-1] == [place.start for place in found.values()] and ends[-1] == 1083
 
 
 @pytest.mark.parametrize("number", range(20))

@@ -6,8 +6,10 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
+from pypose_lite.infinity import controller, drive
 from pypose_lite.lie import se2_compose, se2_exp
 from pypose_lite.planner import local_plan, path
+from pypose_lite.utils import ReduceToBason
 
 F64 = torch.float64
 
@@ -132,6 +134,22 @@ def test_the_plan_moves_with_the_frame(waypoints, cars):
     T = se2_exp(torch.tensor([0.5, -2.0, 1.2], dtype=F64))
     moved = local_plan(se2_compose(T, x), se2_compose(T, waypoints), index)
     close(moved, se2_compose(T, local_plan(x, waypoints, index)), atol=1e-10)
+
+
+def test_a_lap_that_aims_at_its_plan_strays_less_and_steers_more_calmly(waypoints):
+    def ahead(x, goal):
+        return local_plan(x, waypoints, goal, spacing=0.3, count=2)[..., 1, :]
+
+    mpc = controller(T=5, dtype=F64)
+    mpc.stepper = ReduceToBason(steps=3)
+    beside = waypoints[0] + torch.tensor([[0.0, 0, 0, 0], [0.3, 0.1, 0, 0]], dtype=F64)
+    hops = drive(mpc, x_init=waypoints[:1], steps=60)
+    planned = drive(mpc, aim=ahead, x_init=beside, steps=90)
+    assert hops.finished.all() and planned.finished.all()
+    later = [off_circles(run.x[:, :-1])[run.running & (run.goal > 2)] for run in (hops, planned)]
+    assert later[1].max() < 0.06 < later[0].max()
+    change = [run.u[0, : run.steps[0]].diff(dim=0).square().mean() for run in (hops, planned)]
+    assert change[1] < 0.05 * change[0]
 
 
 def test_gradients_agree_with_finite_differences(waypoints, cars):

@@ -74,8 +74,8 @@ class Spline:
         weights = [_weights(self.table, u, order) for order in range(derivative + 1)]
         if isinstance(self.start, SE3):
             return _pose(self.start, self.steps, weights)
-        one, two, three = (w * step for w, step in zip(weights[-1], self.steps, strict=True))
-        done = one + two + three
+        (w1, w2, w3), (step1, step2, step3) = weights[-1], self.steps
+        done = w1 * step1 + w2 * step2 + w3 * step3
         return self.start + done if derivative == 0 else done  # (1)
 
     def take(self, segment: Tensor) -> "Spline":

@@ -96,7 +96,7 @@ claim("found", (story[-4][2].mean - story[-4][0])[:2].norm(), below=0.25, unit="
 # %% [markdown]
 # A car wakes up on the infinity and does not know which way it looks. It knows its inputs, and
 # measures how far two posts are; but the posts look alike. Each blue dot is one guess of its state,
-# a *particle*. In the first second the guesses are a ring. Then two clouds are left, opposite each
+# a *particle*. At first the guesses are a ring. Soon two clouds are left, opposite each
 # other, and no distance will ever tell which is right. For the last quarter the car may look at a
 # compass, a bad one; one cloud dies, and the mean of the other is {claim}`found` off.
 #
@@ -126,10 +126,10 @@ def blind(estimator, x=W[0], P=vague):
 
 
 ax, (x, P) = plt.subplots(figsize=(7, 3.4))[1], blind(pp.EKF(car))
-ax.plot(*cars[:, :2].mT, ".", ms=2, color=plotting.GREY)
-plotting.plot_covariance(ax, x, P).set_lw(2)
-ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal", title="cars; EKF, 95 %")
-plt.show()
+ax.plot(*cars[:, :2].mT, ".", ms=2, color=plotting.GREY, label="cars")
+plotting.plot_covariance(ax, x, P).set(lw=2, label="EKF, 95 %")
+ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal", xlim=(-2, 6))
+ax.legend()
 distance = filters.nees(x[:2], P[:2, :2], cars[:, :2])  # for 95 % below 5.99
 claim("ekf_holds", 100 * (distance < 5.99).double().mean(), below=55, unit="%")
 claim("ekf_blind_nees", distance.mean(), above=20)
@@ -182,13 +182,13 @@ claim("thousand_off", (thousand[at] - exact[at]).abs(), below=0.03, unit="m")
 #
 # ### The unscented filter
 #
-# For a state of $n$ numbers, take the columns $L_k$ of a factor of $P = L L^\top$:
+# For a state of $n$ numbers, take the columns $L_j$ of a factor of $P = L L^\top$:
 #
-# $$ x \pm \sqrt{n + k}\, L_k, \quad k = 1 \dots n $$ (eq-5-points)
+# $$ x, \qquad x \pm \sqrt{n + k}\, L_j, \quad j = 1 \dots n $$ (eq-5-points)
 #
-# (the same letter $k$ in PyPose and here is also the weight of the centre, $k / (n + k)$; with
-# $n = 4$ and weight 0 there are eight points of weight $\tfrac18$). Their mean is $x$ and their
-# covariance $P$. Send them through $g$; from how states and images vary together,
+# where $x$ itself has the weight $k / (n + k)$, and the others share the rest. We take $k = 0$:
+# with $n = 4$, eight points of weight $\tfrac18$. Their mean is $x$, and their covariance is $P$.
+# Send them through $g$. From how the points and their images vary together,
 #
 # $$
 # K = \tfrac18 \textstyle\sum dx\, dy^\top S^{-1}, \qquad S = \tfrac18 \sum dy\, dy^\top + R
@@ -343,8 +343,9 @@ display(Markdown(table.replace("nan | 0.0", " | ")))
 # the best there is, and no number of particles can beat it. Where a PF halves an EKF's error on a
 # problem like this, look for a fault in the EKF.
 #
-# What the particles cost depends on their number. The slider shows one car's PF, in the form that
-# draws anew, with 5 to 1000 of them, beside the EKF's ellipses.
+# The times are of one step of one car. The UKF takes no Jacobian, which makes it the quickest here;
+# the PF's depends on its particles. The slider shows one car's PF with 5 to 1000 of them, beside
+# the EKF.
 
 # %%
 warnings.filterwarnings("ignore", "PF:")  # the library warns where particles are few
@@ -404,8 +405,9 @@ claim("monte_carlo", told[3, 1] / told[3, 3], above=2, below=4.5)
 # </details>
 #
 # The noise that the draws themselves add, seen against the EKF, falls as $1 / \sqrt N$: with ten
-# times the particles it is {claim}`monte_carlo` times smaller. The time grows with $N$. For four
-# numbers a hundred particles do; for a walking robot's thirty, no number does. That is their price.
+# times the particles it is {claim}`monte_carlo` times smaller. The time grows with $N$. Four
+# numbers need a hundred particles; to be equally dense, each further number multiplies them. That
+# is the price of any shape.
 
 # %% [markdown]
 # ## A belief that bends
@@ -418,7 +420,8 @@ claim("monte_carlo", told[3, 1] / told[3, 3], above=2, below=4.5)
 u, fixes = inputs[15], cars[:1000] + r * torch.randn(1000, 4, generator=seed(2))
 fixes[:, 2:], one = torch.nan, (cars[:1000, 1] - 1).abs().argmin()  # position only
 cloud = filters.Particles(cars[1000:], torch.zeros(1000))  # equal log-weights
-for ax, name in zip(plt.subplots(1, 3, figsize=(7, 4))[1], ["EKF", "UKF", "PF"]):
+fig, axes = plt.subplots(1, 3, figsize=(7, 4))
+for ax, name in zip(axes, ["EKF", "UKF", "PF"]):
     if name == "PF":
         ax.plot(*cloud.x[:, :2].mT, ".", ms=2, color=plotting.GREY)
         x, P = (kept := pf.weigh(cloud, fixes, u)).mean, kept.covariance
@@ -433,7 +436,7 @@ for ax, name in zip(plt.subplots(1, 3, figsize=(7, 4))[1], ["EKF", "UKF", "PF"])
     off, nees = (x - cars[:1000])[:, :2], filters.nees(x, P, cars[:1000]).mean()
     claim(f"bent_{name.lower()}", off.norm(dim=-1).mean(), below=0.5, unit="m")
     claim(f"bent_{name.lower()}_nees", nees, above=3)
-_ = ax.legend(loc="lower left")
+_ = axes[1].legend(loc="lower center")
 
 # %% [markdown]
 # Over a thousand cars the EKF is {claim}`bent_ekf` off on average, the UKF {claim}`bent_ukf`, and
@@ -472,11 +475,11 @@ claim("at_the_mean", empty, below=0.02)
 claim("decided", shares[60, 0], above=0.98)
 
 # %% [markdown]
-# Before the compass the wrong cloud has {claim}`opposite` of the weight. The red ellipse is what
-# mean and covariance make of it: its middle is the one place where the car is surely *not*
-# ({claim}`at_the_mean` of the weight is within half a metre). A filter that hands on only these two
-# would have filled the gap; so would `pf(x, y, u, P)`. Kept particles are two humps for five
-# seconds, and when the compass speaks, {claim}`decided` of the weight is in the right one.
+# Just before the compass, the wrong cloud's share of the weight is {claim}`opposite`. The red
+# ellipse is what mean and covariance make of it: its middle is the one place where the car is
+# surely *not* (within half a metre the weight is {claim}`at_the_mean`). A filter that hands on only
+# these two would have filled the gap; so would `pf(x, y, u, P)`. Kept particles are two humps for
+# five seconds, and once the compass has spoken, the right one's share is {claim}`decided`.
 # <!-- given: 0.5 m -->
 
 # %% [markdown]
@@ -517,7 +520,7 @@ for ax, k, title in zip(panels, [0, 3, 4], titles):
     if k:
         ax.plot(dt * torch.arange(64), log[:, k], ":", color=plotting.RED)
     ax.set(xlabel="time (s)", title=title)
-panels[0].legend()
+panels[0].legend(loc="center right")
 panels[1].set_ylim(0, None)
 plt.show()
 claim("kidnapped_ekf", log[-1, 0], below=0.6, unit="m")
@@ -594,13 +597,13 @@ claim("integral_pf", off, below=0.02, unit="m")
 # %%
 slips, x, seen = pp.DubinsCar(slip=0.1), W[0].expand(16, 4), []
 first = x + 0.05 * torch.randn(16, 4, generator=seed(0))
-for u in inputs[:32]:
+for u in inputs[:24]:
     seen.append(x + r * torch.randn(16, 4, generator=generator))
     x = slips.transition(x, u) + q * torch.randn(16, 4, generator=generator)
 
 
 def likely(slip, keep, start=0):
-    pf = pp.PF(pp.DubinsCar(slip=slip), Q, R, particles=200)
+    pf = pp.PF(pp.DubinsCar(slip=slip), Q, R, particles=100)
     x, P, total, g = first, 0.05**2 * I.expand(16, 4, 4), 0, seed(start)
     cloud = pf.draw(x, P, g)
     for y, u in zip(seen, inputs):
@@ -636,9 +639,11 @@ ax.set(xlabel="slip", ylabel="log-likelihood")
 ax.legend()
 (a, at_a), b = (0.0, slope(0.0)), 0.05  # two guesses: where is the slope zero?
 for _ in range(4):
-    at_b = slope(b)
-    a, at_a, b = b, at_b, b - at_b * (b - a) / (at_b - at_a)
+    a, at_a, b = b, (at_b := slope(b)), b - at_b * (b - a) / (at_b - at_a)
 claim("learned_slip", b, equals=0.1, within=0.012)
+t0, _, t1 = time.perf_counter(), likely(b, False), time.perf_counter()
+_, t2 = slope(b), time.perf_counter()
+claim("gradient_cost", (t2 - t1) / (t1 - t0), above=0.5, below=50, varies=True)
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -649,19 +654,19 @@ claim("learned_slip", b, equals=0.1, within=0.012)
 #
 # </details>
 #
-# So for the form that draws anew the gradient with the draws held fixed is *the* gradient: against
-# central differences with the same seed (*common random numbers*) the ratio is
-# {claim}`slope_drawn`. For kept particles the derivative along one line is the slope between two
-# jumps, and misses all that the jumps do. The library's `resample` therefore gives each copy the
-# gradient of the weight it was chosen by, as if the choice had been made with weights of its own
-# {cite}`scibior2021`. That is right on average, not for one seed: compared with differences so wide
-# that the jumps even out, and over three seeds, the ratio is {claim}`slope_kept`. Differences with
-# a small step are useless here: two neighbours in the figure may differ by more than the trend.
+# So for the form that draws anew the gradient with the draws held fixed is *the* gradient: divided
+# by central differences with the same seed (*common random numbers*) it is one, to all digits that
+# differences have ({claim}`slope_drawn`). For kept particles the derivative along one line is the
+# slope between two jumps, and misses what the jumps do. The library's `resample` therefore gives
+# each copy the gradient of the weight it was chosen by {cite}`scibior2021`. That is right on
+# average, not for one seed: against differences so wide that the jumps even out, and over three
+# seeds, the ratio is {claim}`slope_kept`. Small differences are useless here: look at two
+# neighbours in the figure.
 #
-# What does it cost? One pass backwards, about the time of the pass forwards, and the memory of all
-# particles at all steps. And it is the gradient of an estimate: with 200 particles the slope
-# still carries their noise. Four steps of the secant method, from a slip of 0 and the form that
-# draws anew, end at {claim}`learned_slip`; the wheels that made the data slip by 0.1.
+# What does it cost? Value and gradient together take {claim}`gradient_cost` times the time of the
+# value, and memory for all particles of all steps. And it is the gradient of an estimate: 100
+# particles leave their noise in it. Four steps of the secant method, from a slip of 0, end at
+# {claim}`learned_slip`; the wheels that made the data slip by 0.1.
 
 # %% [markdown]
 # ## On the robot
@@ -674,23 +679,23 @@ claim("learned_slip", b, equals=0.1, within=0.012)
 generator, Q_dog = torch.Generator().manual_seed(0), 0.02**2 * I
 cloud, go = lost.draw(torch.zeros(4), anyhow, generator), torch.tensor([1.0, 1.0])
 with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as dog:
-    for i in range(64):
-        at, ahead, heading = dog.pose()
-        x = torch.tensor([at, ahead, math.cos(heading), math.sin(heading)])
+    for k in range(64):
+        i, j, heading = dog.pose()
+        x = torch.tensor([i, j, math.cos(heading), math.sin(heading)])
         y = lost.model.observe(x, go) + loud * torch.randn(4, generator=generator)
-        y[2:] = y[2:] if i >= 50 else torch.nan
+        y[2:] = y[2:] if k >= 50 else torch.nan
         side = (cloud.w * ((cloud.x + x)[:, :2].norm(dim=-1) < 0.5)).sum()
-        if i == 30:
+        if k == 30:
             claim("dog_opposite", side, above=0.2, below=0.8)
         dog.move(*go.tolist())
         dog.wait(dt)
+        off = (cloud.mean - x)[:2].norm()
         cloud = lost.step(cloud, y, go, Q_dog, generator=generator)
-away = (cloud.mean - x)[:2].norm()
-claim("dog_found", away, below=0.35, unit="m")
+claim("dog_found", off, below=0.35, unit="m")
 
 # %% [markdown]
-# Half way around, the particles at the opposite place have {claim}`dog_opposite` of the weight. At
-# the end the mean is {claim}`dog_found` off the place where the dog was a step before.
+# Half way around, the share at the opposite place is {claim}`dog_opposite`. At the end the mean is
+# {claim}`dog_found` off the dog.
 
 # %% [markdown]
 # ## Summary

@@ -429,9 +429,9 @@ for name, plan in zip(["chspline", "plan"], planners):
 # |:--|:--|:--|
 # | blue: "high degree of alignment" | {claim}`chspline_off` off | {claim}`path_off` off |
 # | red "eventually merges smoothly" | waypoint {claim}`chspline_merges` | {claim}`plan_merges` |
-# | "continuous first derivative" | to {claim}`first_derivative_jump` | {claim}`turn_a_step` a step |
+# | "continuous first derivative" | jumps by {claim}`first_jump` | {claim}`turn_a_step` a step |
 # | "evenly distributed" | {claim}`gap_smallest` to {claim}`gap_largest` | as asked for |
-# | 64 sequences in one call | equal to {claim}`batch_chspline` | to {claim}`batch_plan` |
+# | 64 sequences in one call | off by {claim}`batch_chspline` | {claim}`batch_plan` |
 #
 # Merged means *the same numbers*: locality again. Without headings the shifted point also bends the
 # tangent at the next one, and chspline needs a piece more. In JupyterLab, sliders above move any
@@ -683,7 +683,7 @@ def jump(curve, derivative):
     return (curve(t, derivative) - curve(t - 1e-12, derivative)).abs().max()
 
 
-claim("first_derivative_jump", jump(splines.hermite(P), 1), below=1e-9)
+claim("first_jump", jump(splines.hermite(P), 1), below=1e-9)
 claim("poses_jump", jump(splines.hermite(body), 1), below=1e-9)
 claim("bspline_jump", jump(bspline(body), 2), below=1e-9)
 claim("second_derivative_jump", jump(splines.hermite(body), 2), above=0.01)

@@ -77,7 +77,7 @@ class Watched:
         def call(*arguments):
             self.calls.append(name)
             if name == "wait":
-                x, y, heading = self.robot.simulator.dog.pose  # since it was switched on
+                x, y, heading = self.robot.simulator.dog.pose  # since switched on
                 self.truth.append([y, -x, math.sin(heading), -math.cos(heading)])
             return getattr(self.robot, name)(*arguments)
 
@@ -100,7 +100,7 @@ with go1.connect("sim", start=START) as robot:
 fig, show = picture()
 film = animate(lambda k: show(lap.x[: 4 * k + 1]) or fig, lap.steps // 4 + 1, seconds=0.3)
 display(film)
-near = torch.cdist(W[:, :2], lap.x[:, :2]).amin(1)  # each target's distance from the way
+near = torch.cdist(W[:, :2], lap.x[:, :2]).amin(1)  # of each target to the way
 claim("visited", (near <= 0.15).sum(), equals=17)
 claim("lap_error", infinity.tracking_error(lap.x).mean(), below=0.05, unit="m")
 claim("lap_time", dt * lap.steps, below=13, unit="s")
@@ -118,7 +118,8 @@ claim("lap_time", dt * lap.steps, below=13, unit="s")
 # takes notes.) In JupyterLab you can walk the dog yourself: press play, and move the sliders.
 
 # %% tags=["remove-cell"]
-mine, way, (fig, show) = go1.connect("sim", start=START), [[0.0, 0.0, 0.0, -1.0]], picture()
+mine, (fig, show) = go1.connect("sim", start=START), picture()
+way = [[0.0, 0.0, 0.0, -1.0]]
 
 
 def by_hand(tick, speed, turn):
@@ -182,27 +183,25 @@ claim("stuck_speed", stuck.u[-10:, 0].max(), below=0.02, unit="m/s")
 # arrow is a call followed by another, with the number of times; in each box stands its source line.
 
 # %% tags=["hide-input"]
-calls = [a for a, b in zip(dog.calls, [None, *dog.calls]) if a != b]  # twice the same is once
+calls = [a for a, b in zip(dog.calls, [None, *dog.calls]) if a != b]  # asked twice is once
 arrows = collections.Counter(zip(calls, calls[1:]))
 source = inspect.getsource(infinity.drive) + inspect.getsource(infinity.RealRobot)
-boxes = {"pose": (0.3, 2), "move": (0.3, 1), "wait": (0.3, 0), "stop": (0.88, 2)}
-label = {"ha": "center", "va": "center", "fontsize": 9}
+boxes = {"pose": (0.35, 2), "move": (0.35, 1), "wait": (0.35, 0), "stop": (0.88, 2)}
+text = {"va": "center", "fontsize": 9}
 fig, ax = plt.subplots(figsize=(7, 2.8))
 for name, at in boxes.items():
-    line = next(line.strip() for line in source.splitlines() if f"robot.{name}(" in line)
-    frame = {"boxstyle": "round,pad=0.7", "fc": "white", "ec": plotting.BLUE, "lw": 1.5}
-    ax.text(*at, line, bbox=frame, family="monospace", **label)
+    line = next(x.strip() for x in source.splitlines() if f"robot.{name}(" in x)
+    frame = {"boxstyle": "round,pad=0.7", "fc": "white", "ec": plotting.BLUE}
+    ax.text(*at, line, bbox=frame, family="monospace", ha="center", **text)
 for (a, b), count in arrows.items():
     (xa, ya), (xb, yb) = boxes[a], boxes[b]
-    around = [(xa - 0.3, ya), (xb - 0.3, yb)] if yb > ya else []  # back, left of the others
-    ax.plot(*zip((xa, ya), *around, (xb, yb)), color="black", lw=1, zorder=0)
-    times, middle = "once" if count == 1 else f"{count} times", ((xa + xb) / 2, (ya + yb) / 2)
-    away = (-0.3, 0) if around else (0.02, 0.2) if xa != xb else (0.1, 0)
-    symbol = "^" if around else ">" if xa != xb else "v"
-    at = middle[0] + (away[0] if around or xa != xb else 0), middle[1]
-    ax.plot(*at, symbol, color="black", ms=7)
-    ax.text(at[0] + (0.1 if xa == xb else 0), at[1] + (0.2 if xa != xb else 0), times, **label)
-ax.set(xlim=(-0.05, 1.05), ylim=(-0.4, 2.5))
+    x, y, corners, symbol = (xa + xb) / 2, (ya + yb) / 2, [], ">" if xb > xa else "v"
+    if yb > ya:  # back, left of the other boxes
+        x, corners, symbol = 0.08, [(0.08, ya), (0.08, yb)], "^"
+    ax.plot(*zip((xa, ya), *corners, (xb, yb)), color="black", lw=1, zorder=0)
+    ax.plot(x, y, symbol, color="black", ms=7)
+    ax.text(x + 0.02, y + 0.18 * (xb > xa), f"{count} times" if count > 1 else "once", **text)
+ax.set(xlim=(0, 1), ylim=(-0.4, 2.5))
 ax.axis("off")
 plt.show()
 claim("turns", arrows["wait", "pose"], equals=lap.steps)
@@ -239,10 +238,10 @@ def remainder_by_hand(data):
 
 
 packet = bytearray(125)
-packet[0:3] = b"\xfe\xef\xee"  # "a packet begins", and the level: a high-level command
+packet[0:3] = b"\xfe\xef\xee"  # a packet begins; a high-level command
 packet[22:24] = 2, 1  # mode: walk; gait: trot
-struct.pack_into("<fff", packet, 53, 0.3, 0.0, 0.5)  # forward, left (m/s), turn (rad/s)
-packet += struct.pack("<I", remainder_by_hand(packet[:124]))  # byte 124 is not covered
+struct.pack_into("<fff", packet, 53, 0.3, 0.0, 0.5)  # m/s, m/s, rad/s
+packet += struct.pack("<I", remainder_by_hand(packet[:124]))  # all whole words
 command = protocol.HighCmd(mode=2, gait_type=1, velocity=(0.3, 0.0), yaw_speed=0.5)
 claim("same_bytes", bytes(packet) == protocol.encode_command(command), equals=True)
 
@@ -261,7 +260,8 @@ GROUPS = {
     "motors, feet": ("motor_state foot_force foot_position2body", plotting.SKY),
     "checksum": ("checksum", "#999999"),
 }
-tints = {field: to_rgb(tint) for fields, tint in GROUPS.values() for field in fields.split()}
+light = {tint: [0.45 + 0.55 * v for v in to_rgb(tint)] for _, tint in GROUPS.values()}
+tints = {field: light[tint] for names, tint in GROUPS.values() for field in names.split()}
 fig, panels = plt.subplots(2, 1, figsize=(7, 5), height_ratios=[9, 4])
 for ax, part, width in zip(panels, [protocol.HighCmd, protocol.HighState], [16, 160]):
     owner = [name for name, at in places(part).items() for _ in range(at.start, at.stop)]
@@ -270,12 +270,12 @@ for ax, part, width in zip(panels, [protocol.HighCmd, protocol.HighState], [16, 
     image = torch.tensor(squares).view(-1, width, 3)
     ax.imshow(image, aspect="auto")
     ax.grid(False)
-    ax.set(ylabel="from byte")
+    ax.set(xlabel="byte in the row", ylabel="row from byte")
     ax.set_yticks(range(len(image)), range(0, len(squares), width))
 for k, byte in enumerate(packet):
     panels[0].text(k % 16, k // 16, f"{byte:02x}", ha="center", va="center", fontsize=8)
 for name, (_, tint) in GROUPS.items():
-    panels[0].plot([], "s", color=tint, label=name)
+    panels[0].plot([], "s", ms=9, color=light[tint], label=name)
 fig.legend(loc="outside lower center", ncols=4)
 plt.show()
 
@@ -298,7 +298,8 @@ got_through = [bit // 8 for bit, data in enumerate(damaged) if taken(data)]
 print("bytes whose damage is not seen:", sorted(set(got_through)))
 claim("state_bytes", protocol.STATE_SIZE, equals=1087)
 motors = places(protocol.HighState)["motor_state"]
-claim("motor_share", 100 * (motors.stop - motors.start) / protocol.STATE_SIZE, above=60, unit="%")
+share = 100 * (motors.stop - motors.start) / protocol.STATE_SIZE
+claim("motor_share", share, above=60, unit="%")
 claim("flips_taken", len(got_through), equals=8)
 claim("only_uncovered", set(got_through) == {124}, equals=True)
 
@@ -347,6 +348,7 @@ def after_death(repeats=False, timeout=0.4, **simulated):
     return way
 
 
+# %%
 loose = after_death(repeats=True), after_death(vanish=3.0, watchdog=math.inf)
 
 
@@ -354,8 +356,8 @@ def deaths(timeout):
     ways = after_death(timeout=timeout), after_death(vanish=3.0, timeout=timeout)
     fig, panels = plt.subplots(1, 2, figsize=(7, 2.7), sharey=True)
     for k, title in enumerate(["the planner hangs", "the cable is pulled"]):
-        for way, name, style in [(loose[k], "no watchdog", "--"), (ways[k], "watchdog", "-")]:
-            panels[k].plot(dt * torch.arange(1, 61), way, style, label=name)
+        panels[k].plot(dt * torch.arange(1, 61), loose[k], "--", label="no watchdog")
+        panels[k].plot(dt * torch.arange(1, 61), ways[k], label="watchdog")
         panels[k].axvline(3, color=plotting.GREY, ls=":", label="death")
         panels[k].set(title=title, xlabel="time (s)", ylim=(0, 5))
     panels[0].set_ylabel("distance walked (m)")
@@ -367,7 +369,8 @@ display(widgets.panels(deaths, [0.4, 0.2, 0.1, 0.8], "the sender's watchdog (s)"
 hung = after_death()
 claim("hung_walks", hung[-1] - hung[29], below=0.45, unit="m")
 claim("loose_walks", loose[0][-1] - loose[0][29], above=2.2, unit="m")
-claim("hasty_share", 100 * after_death(timeout=0.1)[29] / hung[29], below=80, unit="%")
+hasty = after_death(timeout=0.1)
+claim("hasty_share", 100 * hasty[29] / hung[29], below=80, unit="%")
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -464,7 +467,7 @@ def misfit():
     return loss.detach()
 
 
-unknown, steps = torch.tensor([0.5, 0.02]).log().requires_grad_(), []
+unknown, steps = torch.tensor([0.5, 0.2]).log().requires_grad_(), []
 torch.optim.LBFGS([unknown], max_iter=25, line_search_fn="strong_wolfe").step(misfit)
 lag, delay = unknown.detach().exp()
 
@@ -502,7 +505,7 @@ claim("misfit", noise, below=0.012)
 
 # %%
 class Legs(pp.NLS):
-    """A car whose speed and turn rate [v, w] follow the input: state [i, j, cos, sin, v, w]."""
+    """A car whose speeds v, w follow the input; its state is [i, j, cos, sin, v, w]."""
 
     def state_transition(self, state, input, t=None):
         v = state[..., 4:]
@@ -535,24 +538,25 @@ class Knows:
 
 
 # %% mystnb={"markdown_format": "myst"}
-with go1.connect("sim", start=START, simulation=wifi, log=f"{folder.name}/lap.csv") as robot:
-    dog = Watched(robot)
-    knows = infinity.drive(
-        Knows(robot, late=round(delay.item() / dt)), robot=dog, tolerance=0.15, steps=160
-    )
+tape, late = f"{folder.name}/lap.csv", round(delay.item() / dt)  # a file; steps
+with go1.connect("sim", start=START, simulation=wifi, log=tape) as robot:
+    dog, knowing = Watched(robot), Knows(robot, late)
+    knows = infinity.drive(knowing, robot=dog, tolerance=0.15, steps=160)
 true = torch.tensor(dog.truth)
 fig, ax = plt.subplots(figsize=(7, 3.9))
 plotting.infinity_axes(ax).set_ylim(-1.3, 1.7)
-ax.plot(*W[:, :2].mT, "o", ms=9, mfc="none", mew=1.5, color=plotting.RED, label="targets")
+ax.plot(*W[:, :2].mT, "o", ms=9, mfc="none", color=plotting.RED, label="targets")
 plotting.plot_states(ax, knows.x, label="observations")
 ax.plot(*true[:, :2].mT, color="black", lw=1, label="where the dog was")
 ax.legend(loc="upper center", ncols=3)
 plt.show()
-table = "| lap | targets reached | time (s) | mean error (m) | largest (m) |\n|:--|--:|--:|--:|--:|"
+table = "| lap | targets, of 16 | time (s) | mean error (m) | largest (m) |\n"
+table += "|:--|--:|--:|--:|--:|"
 runs = {"no network": lap, "Wi-Fi": stuck, "Wi-Fi, and the planner knows": knows}
 for name, run in runs.items():
     e, reached = infinity.tracking_error(run.x), run.goal[-1] - 1 + run.finished
-    table += f"\n| {name} | {reached} | {dt * run.steps:.1f} | {e.mean():.3f} | {e.max():.3f} |"
+    table += f"\n| {name} | {reached} | {dt * run.steps:.1f} "
+    table += f"| {e.mean():.3f} | {e.max():.3f} |"
 display(Markdown(table))
 near = torch.cdist(W[:, :2], knows.x[:, :2]).amin(1)
 claim("knows_visited", (near <= 0.15).sum(), equals=17)
@@ -583,13 +587,14 @@ claim("knows_true_error", infinity.tracking_error(true).mean(), below=0.06, unit
 
 # %%
 class Seen(Watched):
-    """A robot on which odometry says how it moved, and now and then a camera where it is."""
+    """Odometry says how it has moved, and now and then a camera where it is."""
 
     def __init__(self, robot):
         super().__init__(robot)
-        noise = torch.tensor([0.01, 0.01, 0.02, 0.02]), torch.tensor([0.05, 0.05, 1, 1])
-        self.ekf = pp.EKF(pp.DubinsCar(dt), *(z.square().diag() for z in noise))
-        self.x, self.P, self.generator = W[0], 1e-4 * torch.eye(4), torch.Generator().manual_seed(0)
+        q, r = torch.tensor([[0.01, 0.01, 0.02, 0.02], [0.05, 0.05, 1, 1]]).square()
+        self.ekf = pp.EKF(pp.DubinsCar(dt), q.diag(), r.diag())
+        self.x, self.P = W[0], 1e-4 * torch.eye(4)
+        self.generator = torch.Generator().manual_seed(0)
 
     def pose(self):
         i, j, c, s = self.x.tolist()
@@ -624,17 +629,19 @@ for ax, (title, (run, true)) in zip(panels, laps.items()):
     ax.label_outer()
 fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 plt.show()
-off = {title: (run.x[:-1] - true)[:, :2].norm(dim=-1) for title, (run, true) in laps.items()}
-claim("odometry_off", off["odometry alone"].mean(), above=0.1, unit="m")
-claim("odometry_end", off["odometry alone"][-1], below=0.06, unit="m")
-claim("camera_off", off["with camera and EKF"].mean(), below=0.07, unit="m")
+off = [(run.x[:-1] - true)[:, :2].norm(dim=-1) for run, true in laps.values()]
+claim("odometry_off", off[0].mean(), above=0.1, unit="m")
+claim("odometry_end", off[0][-1], below=0.06, unit="m")
+claim("camera_off", off[1].mean(), below=0.07, unit="m")
+
+# %%
 run, true = laps["odometry alone"]
 x, P, told, R = run.y[0], 1e-4 * torch.eye(4), [], 1e-4 * torch.eye(4)
 for y, u in zip(run.y, run.u):
     told.append(x)
     x, P = pp.EKF(pp.DubinsCar(dt))(x, y, u, P, R, R)
 ekf_off = (torch.stack(told) - true)[:, :2].norm(dim=-1).mean()
-claim("ekf_off", ekf_off / off["odometry alone"].mean(), above=0.8, below=1.2)
+claim("ekf_off", ekf_off / off[0].mean(), above=0.8, below=1.2)
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -683,7 +690,8 @@ trials = {
     "Pro, flag 00": trial(0x00, model="pro"),
     "frozen after 2 s": trial(freeze=2.0),
 }
-table = "| fault | refused | age of the state (s) | walked (m) | raises |\n|:--|--:|--:|--:|:--|"
+table = "| fault | refused | age of the state (s) | walked (m) | raises |\n"
+table += "|:--|--:|--:|--:|:--|"
 for name, (refused, age, walked, raised) in trials.items():
     table += f"\n| {name} | {refused} | {age:.2f} | {walked:.2f} | {raised} |"
 display(Markdown(table))
@@ -708,15 +716,16 @@ claim("frozen_walks", trials["frozen after 2 s"][2], below=1.4, unit="m")
 # simulated time, so that two runs are equal to the bit. Both make a bad day repeatable.
 
 # %%
-recorded = torch.tensor(go1.read_log(f"{folder.name}/lap.csv"))
-with go1.connect(f"replay:{folder.name}/lap.csv", start=START) as robot:
+recorded = torch.tensor(go1.read_log(tape))
+with go1.connect(f"replay:{tape}", start=START) as robot:
     again = []
     for _ in range(100):
         robot.wait(dt)
         again.append(robot.pose())
 nearest = torch.cdist(torch.tensor(again)[:, :2], recorded[:, 1:3]).amin(1)
 claim("replay_error", nearest.max(), below=1e-5, unit="m")
-claim("repeats", torch.equal(record(wifi, f"{folder.name}/again.csv"), rows), equals=True)
+repeated = record(wifi, f"{folder.name}/again.csv")
+claim("repeats", torch.equal(repeated, rows), equals=True)
 other = record(go1.Simulation(seed=1, faults=wifi.faults), f"{folder.name}/other.csv")
 claim("another_seed_differs", torch.equal(other, rows), equals=False)
 folder.cleanup()

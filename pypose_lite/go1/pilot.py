@@ -123,7 +123,8 @@ class Pilot:
             return command
         stopped = still(command)
         if not self._held and stopped != command:
-            why = "the state is stale" if given <= self._stale_at else "no command came in time"
+            late = given > self._stale_at
+            why = "no command came in time" if late else "the state is stale"
             self.events.append((now, f"{why}: zero velocity goes out"))
         self._held = True
         return stopped

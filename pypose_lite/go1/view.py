@@ -28,7 +28,8 @@ def from_above(ax: Axes, label: str = "observations") -> Callable[[Tensor], None
     """
     [trail] = ax.plot([], [], ".-", lw=1, ms=5, color=plotting.BLUE, label=label)
     [body] = ax.fill(*BODY.mT, color=plotting.GREY, alpha=0.85, zorder=5)
-    feet = ax.scatter(*FEET.mT, s=22, color="black", zorder=4)
+    forward, left = FEET.mT
+    feet = ax.scatter(forward, left, s=22, color="black", zorder=4)
 
     def show(x: Tensor) -> None:
         check("x: T n", x, n=4)

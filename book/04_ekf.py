@@ -275,8 +275,8 @@ for ax, one, title in zip(panels, [raw, run], ["(a) raw observation", "(b) EKF"]
     distance = (one.estimate - one.x[:, :-1])[..., :2].norm(dim=-1)
     per_car = torch.stack([d[on].mean() for d, on in zip(distance, one.running)])
     straying.append(infinity.tracking_error(one.x[:, :-1])[one.running].mean())
-    table += f"\n| {title} | {distance[one.running].mean():.4f} | {per_car.std():.4f} "
-    table += f"| {straying[-1]:.3f} | {one.finished.sum()} of 64 |"
+    table += f"\n| {title} | {distance[one.running].mean():.4f} | {per_car.std():.4f}"
+    table += f" | {straying[-1]:.3f} | {one.finished.sum()} of 64 |"
 display(Markdown(table))
 nees = filters.nees(run.estimate, run.P, run.x[:, :-1])[run.running].mean()
 low, high = filters.chi_square_interval(4, runs=64)
@@ -314,7 +314,7 @@ def blackout(blind, q=sensor):
     x, P, y = run.estimate[0, 0], run.P[0, 0], run.y[0, :n].clone()
     y[:blind] = torch.nan
     fig, ax = plt.subplots(figsize=(7, 3.8))
-    plotting.infinity_axes(ax, "car: black; 95 %, blind: red, seeing: blue", margin=0.6)
+    plotting.infinity_axes(ax, "95 %, blind: red; seeing: blue", margin=0.6)
     ax.plot(*run.x[0, : n + 1, :2].mT, color="black", lw=1)
     for i in range(n):
         color = plotting.RED if i < blind else plotting.BLUE

@@ -1,10 +1,12 @@
 """A sweep of iLQR compiled by torch: the same answer, several times faster.
 
 The time loops become torch's scan and the small matrices plain arithmetic (`scan.py`); what is
-left for Python is one call a sweep.
+left for Python is one call a sweep. The compiled sweep takes the straight road: full steps, and
+one Riccati run. Where that leads nowhere, the sweep in Python goes on.
 """
 
 import torch
+from torch import Tensor
 
 from .ilqr import Iterate, Problem, improve
 
@@ -27,22 +29,54 @@ class CompiledSweep:
         Raises:
             RuntimeError: where the system cannot be compiled, or not faithfully.
         """
-        if at.cost.ndim == 1:
-            _any_batch(problem, at)
-        kind = (type(problem.system), at.U.dtype, at.U.ndim, newton)
-        if kind in self.trusted:
-            return self.compiled(problem, at, newton)
+        if at.cost.shape == (1,):  # which the compiler would see as another kind of batch
+            twice = torch.zeros(2, dtype=torch.int64, device=at.cost.device)
+            return self(problem.members(twice), at.members(twice), newton).members(twice[:1])
+        new = self._straight(problem, at, newton)
+        stuck = ~(new.cost < at.cost) & ~new.converged
+        return _again(problem, at, new, stuck, newton) if stuck.any() else new
+
+    def _straight(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
+        """Returns what the compiled code makes of it, once that is known to be right."""
+        kind = (type(problem.system), at.U.dtype, at.U.shape[0], at.U.ndim)
         name = kind[0].__name__
+        given = (
+            Problem(*problem[:2], *map(_own, problem[2:])),  # type: ignore[arg-type]
+            Iterate(*map(_own, at)),  # type: ignore[arg-type]
+        )
+        if at.cost.ndim == 1:
+            _any_batch(*given)
+        if kind in self.trusted:
+            return self.compiled(*given, True)
         try:
-            new = self.compiled(problem, at, newton)
+            new = self.compiled(*given, True)
         except Exception as error:
             raise RuntimeError(f"{name} cannot be compiled: {error}") from error
-        eager = improve(problem, at, newton)
-        close = 1e3 * torch.finfo(at.cost.dtype).eps
-        if not torch.allclose(new.cost, eager.cost, rtol=close, atol=close):
+        if not _alike(at, new, improve(problem, at, newton)):
             raise RuntimeError(f"{name} cannot be compiled: it reads more than its arguments")
         self.trusted.add(kind)
         return new
+
+
+def _own(z: Tensor | None) -> Tensor | None:
+    """Returns a copy with the usual strides, as the compiler tells tensors apart by them."""
+    return None if z is None else z.clone(memory_format=torch.contiguous_format)
+
+
+def _again(problem: Problem, at: Iterate, new: Iterate, stuck: Tensor, newton: bool) -> Iterate:
+    """Returns the new iterate with the members that are stuck swept in Python."""
+    if stuck.ndim == 1 and problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim == 1:
+        rows = stuck.nonzero()[:, 0]
+        swept = improve(problem.members(rows), at.members(rows), newton)
+        return new.replaced(rows, swept)
+    return new.unless(~stuck, improve(problem, at, newton))
+
+
+def _alike(at: Iterate, new: Iterate, eager: Iterate) -> bool:
+    """Returns whether two sweeps have led to the same cost, where the first led anywhere."""
+    close = 1e3 * torch.finfo(new.cost.dtype).eps
+    same = torch.isclose(new.cost, eager.cost, rtol=close, atol=close)
+    return bool((same | (new.cost == at.cost)).all())
 
 
 def _any_batch(problem: Problem, at: Iterate) -> None:

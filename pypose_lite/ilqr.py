@@ -15,7 +15,6 @@ from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
 from .scan import scan, some
 from .shapes import bmv
 
-FULL = torch.ones(())
 STEPS = torch.tensor([0.5, 0.2, 0.05])  # lengths tried where the full step does not help
 
 
@@ -30,22 +29,26 @@ class Solution(NamedTuple):
     history: Tensor  # (sweeps + 1, ...), the cost at the start and after each
 
 
-def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, step: Tensor = FULL):
-    """Returns states and inputs of ``u = U + step k + K (x - X)``, kept within the box.
+def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Tensor | None = None):
+    """Returns states and inputs of ``u = U + k + K (x - X)``, kept within the box.
 
-    A tensor ``step (S, 1, .., 1)`` tries S lengths at once; it adds a dimension after time.
+    Several ``steps (S,)`` scale k and are tried at once; they add a dimension after time.
     """
+    k, K = K[..., -1], K[..., :-1]
+    ahead = U - bmv(K, X[:-1])
+    if steps is None:
+        ahead = ahead + k
+    else:
+        ahead = ahead.unsqueeze(1) + steps.reshape(-1, *[1] * (U.ndim - 1)) * k.unsqueeze(1)
+        x_init = x_init.expand(len(steps), *x_init.shape)
 
     def move(x, at):
-        t, K, X, U, *limits = at
-        u = U + step * K[..., -1] + bmv(K[..., :-1], x - X)
+        t, K, ahead, *limits = at
+        u = ahead + bmv(K, x)
         u = torch.clamp(u, *limits) if limits else u
         return problem.system.transition(x, u, t), (x, u)
 
-    x_init = x_init.expand(torch.broadcast_shapes(x_init.shape, step.shape))
-    last, (states, inputs) = scan(
-        move, x_init, (problem.t, K, X[:-1], U, *(problem.limits(U) or ()))
-    )
+    last, (states, inputs) = scan(move, x_init, (problem.t, K, ahead, *(problem.limits(U) or ())))
     return torch.cat([states, last[None]]), inputs
 
 
@@ -111,24 +114,32 @@ def search(problem: Problem, X: Tensor, U: Tensor, cost: Tensor, K: Tensor, prom
     """Returns the trajectory after one step along the gains, its cost, and whether it helped.
 
     The full step is taken where it keeps a small part of its promise; else the best of several
-    shorter ones, all tried at once.
+    shorter ones, all tried at once; else none.
     """
     rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
-    X1, U1 = follow(problem, X[0], X, U, K)
-    cost1 = _or_infinite(problem.cost(X1, U1))
-    good = cost1 <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if not some(~good):
-        return X1, U1, cost1, good
-    steps = STEPS.to(U).reshape(-1, *[1] * (U.ndim - 1))
-    Xs, Us = follow(problem, X[0], X, U, K, steps)
-    costs = torch.stack([problem.cost(Xs[:, i], Us[:, i]) for i in range(len(steps))])
-    costs, best = _or_infinite(costs).min(0)
+    new = follow(problem, X[0], X, U, K)
+    new = (*new, _or_infinite(problem.cost(*new)))
+    helped = new[-1] <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
+    if some(~helped):
+        shorter = _best(problem, *follow(problem, X[0], X, U, K, STEPS.to(U)))
+        new = _where(helped, new, shorter)
+        helped = helped | (shorter[-1] < cost)
+    return (*_where(helped, new, (X, U, cost)), helped)
+
+
+def _best(problem: Problem, Xs: Tensor, Us: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns the cheapest of trajectories ``(T+1, S, ..., n)``, and its cost."""
+    costs = torch.stack([problem.cost(Xs[:, i], Us[:, i]) for i in range(Xs.shape[1])])
+    cost, best = _or_infinite(costs).min(0)
     pick = best.expand(1, 1, *best.shape)[..., None]
-    Xs, Us = (Z.take_along_dim(pick, 1)[:, 0] for Z in (Xs, Us))
-    helped = good | (costs < cost)
-    new_X = torch.where(good[..., None], X1, torch.where(helped[..., None], Xs, X))
-    new_U = torch.where(good[..., None], U1, torch.where(helped[..., None], Us, U))
-    return new_X, new_U, torch.where(good, cost1, torch.where(helped, costs, cost)), helped
+    return Xs.take_along_dim(pick, 1)[:, 0], Us.take_along_dim(pick, 1)[:, 0], cost
+
+
+def _where(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns states, inputs and cost of one or the other plan for each member of a batch."""
+    masks = mask[..., None], mask[..., None], mask
+    X, U, cost = (torch.where(*choice) for choice in zip(masks, these, those))
+    return X, U, cost
 
 
 def _or_infinite(cost: Tensor) -> Tensor:
@@ -219,7 +230,8 @@ def optimize(
     cost = problem.cost(X, U)
     refuse_divergence(X, cost)
     no = torch.zeros_like(cost, dtype=torch.bool)
-    at = Iterate(X, U, cost, 0 * cost, 0 * cost, no, no, torch.zeros_like(cost, dtype=torch.int64))
+    count = torch.zeros_like(cost, dtype=torch.int64)
+    at = Iterate(X, U, cost, 0 * cost, 0 * cost, exact=no, converged=~~no, iterations=count)
     alone = cost.ndim == 1 and problem.system.transition(X[0, 0], U[0, 0]).ndim == 1
     history = [cost]
     for _ in range(sweeps):

@@ -33,8 +33,8 @@ def scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool = 
 
 
 def some(mask: Tensor) -> bool:
-    """Returns whether any is True; compiled code cannot ask and assumes so."""
-    return torch.compiler.is_compiling() or bool(mask.any())
+    """Returns whether any is True; compiled code cannot ask, and hopes that none is."""
+    return not torch.compiler.is_compiling() and bool(mask.any())
 
 
 def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:

@@ -141,7 +141,6 @@ def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
 
 
 @functools.cache
-@functools.cache
 def _parse(spec: str) -> tuple[tuple[str, list[str]], ...]:
     """``"A: n n, b: n" -> (("A", ["n", "n"]), ("b", ["n"]))``."""
     pairs = (re.fullmatch(r"\s*(\w+):\s*([\w\s]*)", part) for part in spec.split(","))

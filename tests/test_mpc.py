@@ -121,7 +121,7 @@ def test_a_shorter_step_shortens_the_change_and_not_the_feedback(g):
     problem, x_init, U = mpc._pose(x, None, draw(g, 3, 4, 1), None, None, None)
     X, K = ilqr.rollout(problem, x_init, U), draw(g, 4, 3, 1, 3)
     lengths = torch.tensor([1.0, 0.3])
-    Xs, Us = ilqr.follow(problem, x_init, X, U, K, lengths[:, None, None])
+    Xs, Us = ilqr.follow(problem, x_init, X, U, K, lengths)
     for i, step in enumerate(lengths):
         for t in range(4):
             feedback = pp.bmv(K[t, ..., :-1], Xs[t, i] - X[t])

@@ -145,20 +145,20 @@ def compare(benchmark, solve, T, warm):
 @pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
 @pytest.mark.parametrize("T", HORIZONS)
 @pytest.mark.parametrize("side", SIDES)
-def bench_one_plan(benchmark, side, T, warm):
+def test_one_plan(benchmark, side, T, warm):
     solve = ipopt(T, warm) if side == "IPOPT" else SIDES[side](T)
     compare(benchmark, solve, T, warm)
 
 
 @pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
 @pytest.mark.parametrize("T", HORIZONS)
-def bench_one_plan_compiled(benchmark, compiled, T, warm):
+def test_one_plan_compiled(benchmark, compiled, T, warm):
     compare(benchmark, planner(compiled(T)), T, warm)
 
 
 @pytest.mark.parametrize("count", [1, 16, 256, BATCH])
 @pytest.mark.parametrize("kind", ["ours", "compiled"])
-def bench_a_batch(benchmark, compiled, kind, count):
+def test_a_batch(benchmark, compiled, kind, count):
     """Time of a whole batch; divide by its size to compare with one plan of IPOPT's."""
     mpc = compiled(10) if kind == "compiled" else infinity.controller(T=10, dtype=torch.float64)
     x, target = problems(count)
@@ -167,7 +167,7 @@ def bench_a_batch(benchmark, compiled, kind, count):
     assert plan.converged.all()
 
 
-def bench_ipopt_one_after_another(benchmark):
+def test_ipopt_one_after_another(benchmark):
     """32 of the same problems; a 128th of the largest batch above."""
     solve = ipopt(10)
     pairs = list(zip(*problems(32)))

@@ -144,6 +144,23 @@ def test_sixty_four_infinities_are_close_and_consistent(kind, bound):
         assert inside(surprise, 4, CARS * u.shape[-2])
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind, bound", [(EKF, 0.058), (UKF, 0.058), (PF, 0.065)])
+def test_cars_that_steer_by_their_estimate_are_close_and_consistent(kind, bound):
+    """The book's closed loop, 16 cars in one batch; chapter 5 drives 64."""
+    car, g = pp.DubinsCar(), torch.Generator().manual_seed(3)
+    options = {"generator": torch.Generator().manual_seed(0)} if kind is PF else {}
+    mpc, estimator = pp.infinity.controller(car), functools.partial(kind(car), **options)
+    mpc.stepper = pp.utils.ReduceToBason(steps=4)
+    loop = {"x_init": pp.infinity.waypoints()[0].expand(16, 4), "steps": 60, "generator": g}
+    loop |= {"process_noise": 0.005, "observation_noise": 0.163}
+    run = pp.infinity.drive(mpc, car, estimator, **loop)
+    truth = run.x[:, :-1]
+    assert run.finished.all()
+    assert (run.estimate - truth)[run.running][:, :2].norm(dim=-1).mean() < bound
+    assert inside(nees(run.estimate, run.P, truth)[run.running].mean().item(), 4, 16)
+
+
 @pytest.mark.parametrize("kind", [EKF, UKF])
 def test_smoothed_infinities_are_closer_still(kind):
     states, u, y, x, P = infinity()

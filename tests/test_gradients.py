@@ -222,6 +222,21 @@ def test_a_plan_that_has_not_converged_says_that_its_gradient_is_not_exact():
         mpc(0.1, w[:2].clone().requires_grad_(), w[2:4])
 
 
+def test_only_the_members_whose_gradient_is_wrong_are_counted():
+    """A plan that rests at its target, or wholly at its bounds, needs no more sweeps."""
+    w, once = infinity.waypoints(), pp.utils.ReduceToBason(steps=1)
+    mpc = pp.MPC(pp.DubinsCar(), torch.eye(6), None, 3, once)
+    x = w[[0, 0]].clone().requires_grad_()
+    with pytest.warns(UserWarning, match="^1 plans have not converged"):
+        plan = mpc.solve(0.1, x, w[[0, 1]])
+    assert not plan.converged[1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mpc(0.1, x[:1], w[:1])
+        plan = mpc.solve(0.1, x, w[[1, 1]], None, 0.0, torch.tensor([1e-3, 0.0]))
+    assert (plan.u[:, 0] == torch.tensor([1e-3, 0.0])).all()
+
+
 def test_a_plan_that_is_no_minimum_has_no_gradient():
     """A car that has to turn by 180 degrees rests between left and right."""
     w = infinity.waypoints()

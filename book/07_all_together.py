@@ -430,7 +430,7 @@ claim("hindsight", (e2[3] / e2[2]).sqrt(), below=0.9)
 #
 # ### Better eyes, worse eyes
 #
-# Eight cars each, one of them drawn, and how far they stray. In JupyterLab, the sliders below set
+# Eight cars each, one of them drawn, and how far they stray. In JupyterLab, the controls below set
 # the noise and switch the plan on and off.
 
 

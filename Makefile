@@ -3,7 +3,7 @@
 # make lab     the chapters in JupyterLab
 # make page CHAPTER=03_mpc   one chapter alone, run and built, to look at
 # make picture               the README's picture, from the opening page
-# make bench   speed beside other libraries, as ratios
+# make bench   speed beside other libraries, as ratios: makes the book's page of them anew
 # make clean   removes what these made, .venv excepted
 
 SHELL := /bin/sh
@@ -71,8 +71,9 @@ lab: .venv/.installed
 
 bench: .venv/.installed-bench
 	pytest $(wildcard tests/bench/bench_*.py) -q --benchmark-group-by=group \
-		--benchmark-columns=median,iqr,rounds --benchmark-sort=fullname
-	@echo 'In brackets: how many times slower than the fastest of the same group, in this run.'
+		--benchmark-columns=min,median,rounds --benchmark-sort=fullname \
+		--benchmark-json=build/bench.json
+	python book/site/benchmarks.py build/bench.json book/benchmarks.md
 
 .venv/.installed-bench: .venv/.installed
 	@.ci/install $(PYTHON) bench

@@ -47,12 +47,14 @@ def step():
 @pytest.mark.parametrize("name", OURS)
 def test_ours(benchmark, step, name):
     benchmark.group = f"one {name} step"
+    benchmark.extra_info["side"] = "ours"
     benchmark(OURS[name](car(pypose_lite.module)), *step)
 
 
 @pytest.mark.parametrize("name", OURS)
 def test_ours_vectorized(benchmark, step, name):
     benchmark.group = f"one {name} step"
+    benchmark.extra_info["side"] = "ours, vectorized system"
     model = car(pypose_lite.module)
     model.vectorized = True
     benchmark(OURS[name](model), *step)
@@ -62,6 +64,7 @@ def test_ours_vectorized(benchmark, step, name):
 def test_pypose(benchmark, step, name):
     module = pytest.importorskip("pypose").module
     benchmark.group = f"one {name} step"
+    benchmark.extra_info["side"] = "PyPose"
     benchmark(getattr(module, name)(car(module)), *step)
 
 
@@ -69,6 +72,7 @@ def test_filterpy_ekf(benchmark, step):
     """Jacobians written by hand, in NumPy: what one step costs without torch."""
     kalman = pytest.importorskip("filterpy.kalman")
     benchmark.group = "one EKF step"
+    benchmark.extra_info["side"] = "filterpy, NumPy, Jacobians by hand"
     x, y, (v, phi), P, Q, R = (part.double().numpy() for part in step)
     ekf = kalman.ExtendedKalmanFilter(dim_x=4, dim_z=4)
     ekf.Q, ekf.R = Q, R
@@ -93,6 +97,7 @@ def test_filterpy_ekf(benchmark, step):
 @pytest.mark.parametrize("name", OURS)
 def test_a_batch(benchmark, step, name, cars):
     benchmark.group = f"{name}, one car and {CARS}"
+    benchmark.extra_info["side"] = "one car" if cars == 1 else f"{cars} cars"
     x, y, u, *rest = step
     batch = (cars,) if cars > 1 else ()
     x, y, u = (part.expand(*batch, -1).clone() for part in (x, y, u))

@@ -34,7 +34,7 @@ def compiled():
 
     def get(T):
         if T not in kept:
-            kept[T] = infinity.controller(T=T, dtype=torch.float64)
+            kept[T] = controller(T)
             kept[T].compile()
         return kept[T]
 
@@ -116,8 +116,12 @@ def pypose_mpc(T):
     return solve
 
 
+def controller(T):
+    return infinity.controller(T=T, dtype=torch.float64)
+
+
 def eager(T):
-    return planner(infinity.controller(T=T, dtype=torch.float64))
+    return planner(controller(T))
 
 
 def planner(mpc):
@@ -131,12 +135,13 @@ def planner(mpc):
 SIDES = {"ours": eager, "PyPose": pypose_mpc, "IPOPT": ipopt}
 
 
-def compare(benchmark, solve, T, warm):
+def compare(benchmark, side, solve, T, warm):
     (x,), (target,) = problems()
     best, u = eager(T)(x, target)
     start = shift(u) if warm else None
     x = rollout(x, u)[1] if warm else x
     benchmark.group = f"one plan of {T} steps, {'warm' if warm else 'cold'}"
+    benchmark.extra_info["side"] = side
     cost, _ = benchmark(solve, x, target, start)
     expected = eager(T)(x, target, start)[0]
     assert float(cost) == pytest.approx(float(expected), rel=1e-4)
@@ -147,29 +152,26 @@ def compare(benchmark, solve, T, warm):
 @pytest.mark.parametrize("side", SIDES)
 def test_one_plan(benchmark, side, T, warm):
     solve = ipopt(T, warm) if side == "IPOPT" else SIDES[side](T)
-    compare(benchmark, solve, T, warm)
+    compare(benchmark, side, solve, T, warm)
 
 
 @pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
 @pytest.mark.parametrize("T", HORIZONS)
 def test_one_plan_compiled(benchmark, compiled, T, warm):
-    compare(benchmark, planner(compiled(T)), T, warm)
+    compare(benchmark, "ours, compiled", planner(compiled(T)), T, warm)
 
 
 @pytest.mark.parametrize("count", [1, 16, 256, BATCH])
-@pytest.mark.parametrize("kind", ["ours", "compiled"])
-def test_a_batch(benchmark, compiled, kind, count):
-    """Time of a whole batch; divide by its size to compare with one plan of IPOPT's."""
-    mpc = compiled(10) if kind == "compiled" else infinity.controller(T=10, dtype=torch.float64)
+@pytest.mark.parametrize("side", ["ours", "ours, compiled", "IPOPT"])
+def test_a_batch(benchmark, compiled, side, count):
+    """IPOPT solves one after another: 16 of the problems, for the time of all."""
     x, target = problems(count)
     benchmark.group = f"{count} plans of 10 steps, cold"
+    benchmark.extra_info["side"] = side
+    if side == "IPOPT":
+        solve, pairs = ipopt(10), list(zip(x[:16], target[:16]))
+        benchmark.extra_info["share"] = len(pairs) / count
+        return benchmark.pedantic(lambda: [solve(*pair) for pair in pairs], rounds=5)
+    mpc = compiled(10) if side == "ours, compiled" else controller(10)
     plan = benchmark.pedantic(mpc.solve, (0.1, x, target), rounds=3, warmup_rounds=1)
     assert plan.converged.all()
-
-
-def test_ipopt_one_after_another(benchmark):
-    """32 of the same problems; a 128th of the largest batch above."""
-    solve = ipopt(10)
-    pairs = list(zip(*problems(32)))
-    benchmark.group = "32 plans of 10 steps, cold"
-    benchmark.pedantic(lambda: [solve(*pair) for pair in pairs], rounds=3, warmup_rounds=1)

@@ -51,7 +51,7 @@ ideal, real = pp.DubinsCar(dt), pp.DubinsCar(dt, slip=0.2)  # what we believe; w
 
 # %% tags=["hide-input"]
 q, r = infinity.PROCESS_NOISE, infinity.OBSERVATION_NOISE
-few = pp.utils.ReduceToBason(steps=3)  # sweeps a plan, as in chapter 3
+few = pp.utils.ReduceToBason(steps=2)  # sweeps a plan
 
 
 def lap(planner, estimator):
@@ -557,7 +557,7 @@ truth, start = torch.tensor([[0.2, r, 0.01, 0.01], [0, 0.03, 0.1, 0.1]])
 truth, start = (torch.cat([z[:1], z[1:].log()]) for z in (truth, start))
 
 
-def learn(sweep=False, iterations=10):
+def learn(sweep=False, iterations=9):
     """What is learned, and the diary of how."""
     theta, diary = start.clone().requires_grad_(), []
 
@@ -621,7 +621,7 @@ exact = torch.autograd.grad(mean_square(leaf), leaf)[0]
 swept = torch.autograd.grad(mean_square(leaf, sweep=True), leaf)[0]
 way = torch.tensor([1.0, 0.5, -0.5, 0.3])  # any way through the four numbers
 d = (mean_square(start + 1e-5 * way) - mean_square(start - 1e-5 * way)) / 2e-5
-_, misled = learn(sweep=True, iterations=6)
+_, misled = learn(sweep=True, iterations=4)
 claim("loop_gradient", (exact @ way / d - 1).abs(), below=1e-5)
 claim("loop_by_sweep", (swept - exact).norm() / exact.norm(), above=0.3)
 claim("loop_slope", exact[0], above=0)
@@ -652,7 +652,7 @@ claim("fresh_noise", fresh.abs() / own[1].mean().abs(), above=20)
 # The gradient of the whole loop is that of differences, to {claim}`loop_gradient`. The shortcut is
 # off by {claim}`loop_by_sweep` of its length, and for the slip it has the wrong *sign*:
 # {claim}`loop_slope_by_sweep` against {claim}`loop_slope`. The errors of twelve plans do not
-# cancel. The same optimiser, fed with it, is stuck at {claim}`loop_misled` after six iterations,
+# cancel. The same optimiser, fed with it, is still at {claim}`loop_misled` after four iterations,
 # when the exact gradient has brought it to {claim}`loop_not_misled`: its line search looks for a
 # descent that is not there.
 #

@@ -677,7 +677,7 @@ claim("dog_strays", wander(walk.x).mean(), below=0.07, unit="m")
 
 # %% [markdown]
 # The dog comes around, {claim}`dog_strays` from the path on average. Without noise the car strayed
-# {claim}`unbiased`. The difference is the dog's legs: they answer late, and a plan that begins as
+# {claim}`unbiased`. One difference is the dog's legs: they answer late, and a plan that begins as
 # if it could turn at once does not know. Chapter 9 does.
 
 # %% [markdown]

@@ -224,8 +224,9 @@ claim("never_rises", (costs.diff() <= 0).all(), equals=True)
 # ## The library's version
 #
 # The paper's line `mpc = pp.module.MPC(car, Q, p, T)` stands in the first cell. `mpc.solve` also
-# says whether a plan has converged, after how many sweeps, and what it cost after each. Below is its
-# sweep, whole. `model` is our step 1, `riccati` our step 2; `damping` and `exact` come in a moment.
+# says whether a plan has converged, after how many sweeps, and what it cost after each. Below is
+# its sweep, whole. `model` is our step 1, `riccati` our step 2; `damping` and `exact` come in a
+# moment.
 #
 # **Predict.** Each sweep by hand leaves about a twentieth of the gap to the best cost. When is the
 # library's gap below $10^{-10}$: as late as ours, some sweeps earlier, or ten times earlier?

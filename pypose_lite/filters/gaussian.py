@@ -184,7 +184,8 @@ def _factor_by_columns(P: Tensor, name: str) -> Tensor:
         rest = rest - columns[-1].unsqueeze(-1) * columns[-1].unsqueeze(-2)
     deviation = variance.abs().sqrt()
     scale = deviation.unsqueeze(-1) * deviation.unsqueeze(-2)
-    if (rest.abs() > 4 * math.sqrt(rounding) * scale).any():
+    allowed = 4 * math.sqrt(rounding) * scale + torch.finfo(P.dtype).tiny
+    if (rest.abs() > allowed).any():
         raise ValueError(f"{name}: expected no negative eigenvalue, got {_smallest(P):.3g}")
     return torch.stack(columns, dim=-1).tril()
 

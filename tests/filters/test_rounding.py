@@ -112,3 +112,10 @@ def test_a_tiny_variance_beside_a_large_one_is_no_rounding():
 def test_what_is_not_a_covariance_has_no_factor(P):
     with pytest.raises(ValueError, match="P: expected no negative eigenvalue, got -"):
         factor(torch.tensor(P))
+
+
+def test_variances_that_vanish_below_the_smallest_number_are_zero():
+    P = torch.diag(torch.tensor([5e-324, 1e-310, 1.0], dtype=torch.float64))
+    P[0, 1] = P[1, 0] = 1e-323
+    L = factor(P)
+    torch.testing.assert_close(L @ L.mT, P, atol=1e-300, rtol=0)

@@ -186,7 +186,7 @@ claim("stuck_speed", stuck.u[-10:, 0].max(), below=0.02, unit="m/s")
 calls = [a for a, b in zip(dog.calls, [None, *dog.calls]) if a != b]  # asked twice is once
 arrows = collections.Counter(zip(calls, calls[1:]))
 source = inspect.getsource(infinity.drive) + inspect.getsource(infinity.RealRobot)
-boxes = {"pose": (0.35, 2), "move": (0.35, 1), "wait": (0.35, 0), "stop": (0.88, 2)}
+boxes = {"pose": (0.42, 2), "move": (0.42, 1), "wait": (0.42, 0), "stop": (0.9, 2)}
 text = {"va": "center", "fontsize": 9}
 fig, ax = plt.subplots(figsize=(7, 2.8))
 for name, at in boxes.items():
@@ -197,7 +197,7 @@ for (a, b), count in arrows.items():
     (xa, ya), (xb, yb) = boxes[a], boxes[b]
     x, y, corners, symbol = (xa + xb) / 2, (ya + yb) / 2, [], ">" if xb > xa else "v"
     if yb > ya:  # back, left of the other boxes
-        x, corners, symbol = 0.08, [(0.08, ya), (0.08, yb)], "^"
+        x, corners, symbol = 0.06, [(0.06, ya), (0.06, yb)], "^"
     ax.plot(*zip((xa, ya), *corners, (xb, yb)), color="black", lw=1, zorder=0)
     ax.plot(x, y, symbol, color="black", ms=7)
     ax.text(x + 0.02, y + 0.18 * (xb > xa), f"{count} times" if count > 1 else "once", **text)
@@ -706,8 +706,8 @@ claim("frozen_walks", trials["frozen after 2 s"][2], below=1.4, unit="m")
 # Whoever measures age by the last *packet* finds both healthy. The library measures it by the last
 # new *content*: a robot that stands still has noise in its sensors, and no two states are alike
 # byte for byte. So the frozen robot is {claim}`frozen_age` old, `pose()` raises, and zeros go out.
-# For the Pro there is no such sign; the only symptom is that told and seen part, as in the last
-# section's log. The first motion on a robot should therefore be a small one, looked at.
+# For the Pro there is no such sign. The only symptom is that what is told and what is seen part:
+# plot both, as we did for lag and delay. Let the first motion be a small one, and watch it.
 
 # %% [markdown]
 # ## Verify

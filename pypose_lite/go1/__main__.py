@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from . import RobotTimeout, connect, read_log
 from .robot import Robot
-from .walk import START, STEP, draw, reasons_to_stay, walk
+from .walk import START, STEP, Stuck, draw, reasons_to_stay, walk
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,7 +55,7 @@ def _walk(robot: Robot, options: argparse.Namespace) -> int | None:
     except KeyboardInterrupt:
         print("\nstopped")
         return 130
-    except RobotTimeout as error:
+    except (RobotTimeout, Stuck) as error:
         print(f"\n{error}: zero velocity goes out")
         return 1
     finished = bool(run.finished)

@@ -24,6 +24,7 @@ LOWEST_CHARGE = 20  # %
 OLDEST_STATE = 0.1  # s
 FASTEST_TURN = 1.2  # rad/s
 STEP = 0.1  # s, of the loop
+SLOWEST, LONGEST = 0.02, 3.0  # m/s and s: who plans no more than that for so long is stuck
 
 
 def reasons_to_stay(robot: Robot) -> list[str]:
@@ -55,6 +56,7 @@ def walk(
 
     Raises:
         RobotTimeout: the robot fell silent.
+        Stuck: the plan is to stand, and it is not there yet.
     """
     import torch
 
@@ -79,6 +81,10 @@ def walk(
         )
 
 
+class Stuck(RuntimeError):
+    """The robot has passed a waypoint by too far, and its planner knows no way back."""
+
+
 class Ahead:
     """Where a car will be when what is sent now shows: an estimator for `infinity.drive`.
 
@@ -99,15 +105,22 @@ class Ahead:
 
 
 def _within(mpc: Any, speed: float) -> Callable:
-    """The MPC with bounds on its inputs, started from its last plan."""
+    """The MPC within bounds, started from its last plan; raises Stuck when it plans only rest."""
     from ..mpc import shift
 
     last: list[Any] = [None]
+    resting = 0  # plans in a row
 
     def plan(dt: float, x: "Tensor", target: "Tensor") -> tuple:
+        nonlocal resting
         lower, upper = x.new_tensor([0.0, -FASTEST_TURN]), x.new_tensor([speed, FASTEST_TURN])
         states, inputs, cost = mpc(dt, x, target, last[0], lower, upper)
         last[0] = shift(inputs)
+        resting = resting + 1 if inputs[0, 0] < SLOWEST else 0
+        if resting > LONGEST / STEP:
+            raise Stuck(
+                "it is stuck: a waypoint was passed by too far. Walk slower, or mend --delay"
+            )
         return states, inputs, cost
 
     return plan

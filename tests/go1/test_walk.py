@@ -7,7 +7,7 @@ from go1_helpers import velocity
 
 from pypose_lite import go1, infinity
 from pypose_lite.go1 import __main__ as program
-from pypose_lite.go1.walk import START, Ahead, reasons_to_stay, walk
+from pypose_lite.go1.walk import LONGEST, START, Ahead, Stuck, reasons_to_stay, walk
 from pypose_lite.models import DubinsCar
 
 
@@ -33,6 +33,24 @@ def test_the_dog_visits_all_waypoints_over_a_bad_line(watch, faults, delay):
     asked = {tuple(round(n, 5) for n in velocity(command)) for _, command in seen.sent}
     told = {tuple(round(n, 5) for n in velocity(command)) for _, command in seen.told}
     assert told <= asked | {(0.0, 0.0, 0.0)}
+
+
+def test_a_dog_that_has_missed_a_waypoint_is_not_left_standing_for_ever(watch):
+    seen = watch(start=START, speed_limit=1.0)
+
+    def carried_away(waypoint):
+        """It slips sideways out of the tolerance, just before the third waypoint."""
+        if waypoint == 3 and not carried:
+            x, y, heading = seen.robot.simulator.dog._odometry
+            seen.robot.simulator.dog._odometry = x, y + 3.0, heading
+            carried.append(seen.now())
+
+    carried = []
+    with pytest.raises(Stuck, match="Walk slower"):
+        walk(seen.robot, 0.8, report=carried_away)
+    assert LONGEST < seen.now() - carried[0] < 30
+    seen.robot.wait(0.1)
+    assert velocity(seen.sent[-1][1]) == (0.0, 0.0, 0.0)
 
 
 def test_the_pose_is_rolled_forward_by_what_is_on_its_way():

@@ -115,7 +115,7 @@ def test_what_is_not_a_covariance_has_no_factor(P):
 
 
 def test_variances_that_vanish_below_the_smallest_number_are_zero():
-    P = torch.diag(torch.tensor([0.0, 1e-310, 1.0], dtype=torch.float64))
+    P = torch.diag(torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64))
     P[0, 1] = P[1, 0] = 5e-324
     L = factor(P)
     torch.testing.assert_close(L @ L.mT, P, atol=1e-300, rtol=0)

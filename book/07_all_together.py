@@ -662,6 +662,7 @@ claim("learned_error", errors[-1].detach() / errors[0].detach(), below=0.97)
 trot, plan = torch.tensor([1.2, 1.5]), partial(ahead, spacing=0.11)
 options = {"tolerance": 0.3, "process_noise": 0.02, "observation_noise": 0.02}
 options |= {"u_lower": -trot, "u_upper": trot}
+options["generator"] = torch.Generator().manual_seed(0)
 with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as robot:
     mpc, ekf = steering(0.001), pp.module.EKF(car)
     walk = infinity.drive(mpc, car, ekf, robot, plan, **options)

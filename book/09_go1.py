@@ -49,9 +49,10 @@ from matplotlib.colors import to_rgb
 
 import pypose_lite as pp
 from pypose_lite import go1, infinity
-from pypose_lite.go1 import pilot, protocol, simulation, transport, view
+from pypose_lite.go1 import pilot, protocol, simulation, transport
 from pypose_lite.go1.layout import places
 from pypose_lite.teaching import animate, claim, plotting, widgets
+from pypose_lite.teaching.dog import from_above
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -88,7 +89,7 @@ class Watched:
 def picture(title=""):
     fig, ax = plt.subplots(figsize=(7, 4.2))
     plotting.plot_waypoints(plotting.infinity_axes(ax, title), W, "targets").set_zorder(1)
-    show = view.from_above(ax)
+    show = from_above(ax)
     fig.legend(loc="outside lower center", ncols=2)
     plt.close(fig)
     return fig, show

@@ -35,20 +35,21 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
     Several ``steps (S,)`` scale k and are tried at once; they add a dimension after time.
     """
     k, K = K[..., -1], K[..., :-1]
-    ahead = U - bmv(K, X[:-1])
     if steps is None:
-        ahead = ahead + k
+        ahead = U + k
     else:
-        ahead = ahead.unsqueeze(1) + steps.reshape(-1, *[1] * (U.ndim - 1)) * k.unsqueeze(1)
+        ahead = U.unsqueeze(1) + steps.reshape(-1, *[1] * (U.ndim - 1)) * k.unsqueeze(1)
         x_init = x_init.expand(len(steps), *x_init.shape)
 
     def move(x, at):
-        t, K, ahead, *limits = at
-        u = ahead + bmv(K, x)
+        t, K, X, ahead, *limits = at
+        u = ahead + bmv(K, x - X)
         u = torch.clamp(u, *limits) if limits else u
         return problem.system.transition(x, u, t), (x, u)
 
-    last, (states, inputs) = scan(move, x_init, (problem.t, K, ahead, *(problem.limits(U) or ())))
+    last, (states, inputs) = scan(
+        move, x_init, (problem.t, K, X[:-1], ahead, *(problem.limits(U) or ()))
+    )
     return torch.cat([states, last[None]]), inputs
 
 

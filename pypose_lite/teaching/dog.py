@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from torch import Tensor
 
 from ..shapes import check
-from ..teaching import plotting
+from . import plotting
 
 RIGHT = [[0.34, -0.06], [0.27, -0.06], [0.24, -0.11], [-0.32, -0.11]]  # head to tail
 BODY = torch.tensor([*RIGHT, *([x, -y] for x, y in RIGHT[::-1])])  # m, about a Go1's

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import torch
 
-from pypose_lite.go1.view import BODY, FEET, from_above
+from pypose_lite.teaching.dog import BODY, FEET, from_above
 
 STATES = torch.tensor([[0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0], [2.0, 1.0, 0.0, 1.0]])
 

@@ -8,7 +8,7 @@ one Riccati run. Where that leads nowhere, the sweep in Python goes on.
 import torch
 from torch import Tensor
 
-from .ilqr import Iterate, Problem, improve
+from .ilqr import Iterate, Problem, advance, improve
 
 
 class CompiledSweep:
@@ -34,12 +34,14 @@ class CompiledSweep:
             return self(problem.members(twice), at.members(twice), newton).members(twice[:1])
         new = self._straight(problem, at, newton)
         stuck = ~(new.cost < at.cost) & ~new.converged
-        return _again(problem, at, new, stuck, newton) if stuck.any() else new
+        if stuck.any():
+            new = new.unless(~stuck, advance(improve, problem, at, stuck, newton))
+        return new
 
     def _straight(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
         """Returns what the compiled code makes of it, once that is known to be right."""
-        kind = (type(problem.system), at.U.dtype, at.U.shape[0], at.U.ndim)
-        name = kind[0].__name__
+        kind = (at.U.dtype, at.U.shape[0], at.U.ndim, *(z is None for z in problem[2:]))
+        name = type(problem.system).__name__
         given = (
             Problem(*problem[:2], *map(_own, problem[2:])),  # type: ignore[arg-type]
             Iterate(*map(_own, at)),  # type: ignore[arg-type]
@@ -61,15 +63,6 @@ class CompiledSweep:
 def _own(z: Tensor | None) -> Tensor | None:
     """Returns a copy with the usual strides, as the compiler tells tensors apart by them."""
     return None if z is None else z.clone(memory_format=torch.contiguous_format)
-
-
-def _again(problem: Problem, at: Iterate, new: Iterate, stuck: Tensor, newton: bool) -> Iterate:
-    """Returns the new iterate with the members that are stuck swept in Python."""
-    if stuck.ndim == 1 and problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim == 1:
-        rows = stuck.nonzero()[:, 0]
-        swept = improve(problem.members(rows), at.members(rows), newton)
-        return new.replaced(rows, swept)
-    return new.unless(~stuck, improve(problem, at, newton))
 
 
 def _alike(at: Iterate, new: Iterate, eager: Iterate) -> bool:

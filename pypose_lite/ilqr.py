@@ -36,19 +36,19 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
     """
     k, K = K[..., -1], K[..., :-1]
     if steps is None:
-        ahead = U + k
+        aim = U + k
     else:
-        ahead = U.unsqueeze(1) + steps.reshape(-1, *[1] * (U.ndim - 1)) * k.unsqueeze(1)
+        aim = U.unsqueeze(1) + steps.reshape(-1, *[1] * (U.ndim - 1)) * k.unsqueeze(1)
         x_init = x_init.expand(len(steps), *x_init.shape)
 
     def move(x, at):
-        t, K, X, ahead, *limits = at
-        u = ahead + bmv(K, x - X)
+        t, K, X, aim, *limits = at
+        u = aim + bmv(K, x - X)
         u = torch.clamp(u, *limits) if limits else u
         return problem.system.transition(x, u, t), (x, u)
 
     last, (states, inputs) = scan(
-        move, x_init, (problem.t, K, X[:-1], ahead, *(problem.limits(U) or ()))
+        move, x_init, (problem.t, K, X[:-1], aim, *(problem.limits(U) or ()))
     )
     return torch.cat([states, last[None]]), inputs
 
@@ -207,6 +207,16 @@ def improve(problem: Problem, at: Iterate, newton: bool) -> Iterate:
     )
 
 
+def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton: bool) -> Iterate:
+    """Returns the next iterate of some members; the others stay, and cost nothing in a ``(B,)``."""
+    if which.all():
+        return step(problem, at, newton)
+    if which.ndim != 1 or problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim > 1:
+        return at.unless(~which, step(problem, at, newton))  # a system with a batch of its own
+    rows = which.nonzero()[:, 0]
+    return at.replaced(rows, step(problem.members(rows), at.members(rows), newton))
+
+
 @torch.no_grad()
 def optimize(
     problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=None, step: Callable = improve
@@ -231,17 +241,11 @@ def optimize(
     cost = problem.cost(X, U)
     refuse_divergence(X, cost)
     no = torch.zeros_like(cost, dtype=torch.bool)
-    count = torch.zeros_like(cost, dtype=torch.int64)
-    at = Iterate(X, U, cost, 0 * cost, 0 * cost, exact=no, converged=~~no, iterations=count)
-    alone = cost.ndim == 1 and problem.system.transition(X[0, 0], U[0, 0]).ndim == 1
+    at = Iterate(X, U, cost, 0 * cost, 0 * cost, no, no, torch.zeros_like(cost, dtype=torch.int64))
     history = [cost]
     for _ in range(sweeps):
         newton = bool((at.exact & ~at.converged).any())
-        if alone and at.converged.any():
-            rows = (~at.converged).nonzero()[:, 0]
-            at = at.replaced(rows, step(problem.members(rows), at.members(rows), newton))
-        else:
-            at = at.unless(at.converged, step(problem, at, newton))
+        at = advance(step, problem, at, ~at.converged, newton)
         history.append(at.cost)
         if stepper is not None:
             stepper.step(torch.where(at.converged, 0, at.promised))

@@ -30,6 +30,8 @@ def nis(innovation: Innovation) -> Tensor:
 
     Of a consistent filter it is chi-square distributed, with as many degrees of freedom as rows
     were seen, and independent from step to step.
+
+    Source: as for :func:`nees`.
     """
     e, S, _ = innovation
     return squared_distance(e.unsqueeze(-1), S, "the innovation's covariance")[0].squeeze(-1)
@@ -45,6 +47,9 @@ def chi_square_interval(dof: int, runs: int = 1, level: float = 0.95) -> tuple[f
         runs: how many are averaged.
         level: how likely the mean is to lie inside, between 0 and 1; each end leaves out half
             of the rest.
+
+    Raises:
+        ValueError: for a level outside, or less than one degree of freedom or run.
     """
     if not (dof > 0 and runs > 0 and 0 < level < 1):
         raise ValueError(f"expected dof > 0, runs > 0, 0 < level < 1, got {dof}, {runs}, {level}")

@@ -31,6 +31,9 @@ def smooth(
         R: observation noise covariance ``(..., p, p)``, likewise.
         t: time step of the first observation.
 
+    Returns:
+        ``(..., T+1, n)`` and ``(..., T+1, n, n)``; the last are the filter's own.
+
     Raises:
         ValueError: for arguments that do not fit, or where Q leaves a predicted state certain.
 

@@ -73,11 +73,18 @@ def walk(
         report(int(waypoint))
         return planner.local_plan(x, path, waypoint, spacing, mpc.T + 1)[..., 1:, :]
 
-    ahead = Ahead(car, 1 + round(delay / STEP))
-    steps = math.ceil(3 * infinity.LENGTH / spacing)
+    mpc.register_forward_hook(Patience())
+    fastest = torch.tensor([1.25 * speed, FASTEST_TURN], dtype=path.dtype)
     with torch.no_grad():
         return infinity.drive(
-            _within(mpc, 1.25 * speed), car=car, estimator=ahead, robot=robot, aim=aim, steps=steps
+            mpc,
+            car,
+            estimator=Ahead(car, 1 + round(delay / STEP)),
+            robot=robot,
+            aim=aim,
+            steps=math.ceil(3 * infinity.LENGTH / spacing),
+            u_lower=fastest * torch.tensor([0.0, -1.0]),
+            u_upper=fastest,
         )
 
 
@@ -104,26 +111,19 @@ class Ahead:
         return y, P
 
 
-def _within(mpc: Any, speed: float) -> Callable:
-    """The MPC within bounds, started from its last plan; raises Stuck when it plans only rest."""
-    from ..mpc import shift
+class Patience:
+    """A hook of an MPC: raises Stuck when every plan of the last seconds was to rest."""
 
-    last: list[Any] = [None]
-    resting = 0  # plans in a row
+    def __init__(self) -> None:
+        self._resting = 0  # plans in a row
 
-    def plan(dt: float, x: "Tensor", target: "Tensor") -> tuple:
-        nonlocal resting
-        lower, upper = x.new_tensor([0.0, -FASTEST_TURN]), x.new_tensor([speed, FASTEST_TURN])
-        states, inputs, cost = mpc(dt, x, target, last[0], lower, upper)
-        last[0] = shift(inputs)
-        resting = resting + 1 if inputs[0, 0] < SLOWEST else 0
-        if resting > LONGEST / STEP:
+    def __call__(self, mpc: Any, asked: tuple, plan: tuple) -> None:
+        """Sees the plan's states, inputs and cost."""
+        self._resting = self._resting + 1 if plan[1][0, 0] < SLOWEST else 0
+        if self._resting > LONGEST / STEP:
             raise Stuck(
                 "it is stuck: a waypoint was passed by too far. Walk slower, or mend --delay"
             )
-        return states, inputs, cost
-
-    return plan
 
 
 def draw(rows: list[Row], path: str | Path) -> None:

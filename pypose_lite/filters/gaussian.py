@@ -115,10 +115,9 @@ def known_rows(
     if z.shape[-1] != R.shape[-1]:
         p = z.shape[-1]
         raise ValueError(f"R: expected (..., p={p}, p={p}), got {tuple(R.shape[-2:])}; p is g's")
-    missing = y.isnan()
-    if not missing.any():
+    if not math.isnan(y.sum().item()):
         return residual(y, z), R, None
-    known, one = ~missing, torch.eye(R.shape[-1], dtype=R.dtype, device=R.device)
+    known, one = ~y.isnan(), torch.eye(R.shape[-1], dtype=R.dtype, device=R.device)
     R = torch.where(known.unsqueeze(-1) & known.unsqueeze(-2), R, one)
     return residual(torch.where(known, y, z), z), R, known
 
@@ -147,7 +146,7 @@ def covariance(P: Tensor) -> Tensor:
 def cholesky(P: Tensor, name: str) -> Tensor:
     """Returns the lower L with ``L L' = P``; ValueError where P is not positive definite."""
     L, info = torch.linalg.cholesky_ex(P.lerp(P.mT, 0.5))
-    if info.any():
+    if _some(info):
         raise ValueError(f"{name}: expected positive definite, got eigenvalue {_smallest(P):.3g}")
     return L
 
@@ -162,7 +161,7 @@ def factor(P: Tensor, name: str = "P") -> Tensor:
     """
     P = P.lerp(P.mT, 0.5)
     L, info = torch.linalg.cholesky_ex(P)
-    if not info.any():
+    if not _some(info):
         return L
     definite = (info == 0)[..., None, None]
     one = torch.eye(P.shape[-1], dtype=P.dtype, device=P.device)
@@ -201,6 +200,11 @@ def log_density(e: Tensor, P: Tensor, rows: Tensor | int, name: str) -> Tensor:
     """Returns log N(e; 0, P) of each column of ``e (..., p, k)``, of which ``rows`` rows count."""
     distance, log_det = squared_distance(e, P, name)
     return -(distance + log_det + rows * math.log(2 * math.pi)) / 2
+
+
+def _some(info: Tensor) -> bool:
+    """Returns whether any is not 0, quicker than ``any`` where there is only one."""
+    return bool(info if info.ndim == 0 else info.any())
 
 
 def _smallest(P: Tensor) -> float:

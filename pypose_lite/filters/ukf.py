@@ -1,8 +1,10 @@
 """The unscented Kalman filter: 2 n + 1 chosen points go through the model instead of a tangent."""
 
+import functools
 import math
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -72,10 +74,17 @@ def sigma_points(P: Tensor, k=None, msqrt: Callable | None = None) -> tuple[Tens
     k = max(3 - n, 0) if k is None else k
     if not k > -n:
         raise ValueError(f"k: expected a number above -n = {-n}, got {k}")
-    D = math.sqrt(n + k) * (factor(P) if msqrt is None else _square_root(msqrt, P))
-    dx = torch.cat([D.new_zeros(*D.shape[:-1], 1), D, -D], dim=-1)  # (1)
-    w = [k / (n + k)] + 2 * n * [0.5 / (n + k)]  # (2)
-    return dx, torch.tensor(w, dtype=P.dtype, device=P.device)
+    unit, w = (z.to(P, copy=True) for z in _unit_points(n, float(k)))
+    return (factor(P) if msqrt is None else _square_root(msqrt, P)) @ unit, w
+
+
+@functools.cache
+def _unit_points(n: int, k: float) -> tuple[Tensor, Tensor]:
+    """Returns the sigma points of ``P = I`` as columns, and their weights."""
+    eye = math.sqrt(n + k) * np.eye(n)
+    points = np.concatenate([np.zeros((n, 1)), eye, -eye], axis=1)  # (1)
+    weights = np.array([k / (n + k)] + 2 * n * [0.5 / (n + k)])  # (2)
+    return torch.from_numpy(points), torch.from_numpy(weights)
 
 
 def _square_root(msqrt: Callable, P: Tensor) -> Tensor:

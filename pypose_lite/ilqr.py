@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .scan import scan, some
+from .scan import every, scan, some
 from .shapes import bmv
 
 STEPS = torch.tensor([0.5, 0.2, 0.05])  # lengths tried where the full step does not help
@@ -138,6 +138,8 @@ def _best(problem: Problem, Xs: Tensor, Us: Tensor) -> tuple[Tensor, Tensor, Ten
 
 def _where(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
     """Returns states, inputs and cost of one or the other plan for each member of a batch."""
+    if every(mask):
+        return these
     masks = mask[..., None], mask[..., None], mask
     X, U, cost = (torch.where(*choice) for choice in zip(masks, these, those))
     return X, U, cost

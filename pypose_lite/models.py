@@ -36,10 +36,10 @@ class DubinsCar(NLS):
         """Returns the state ``(..., 4)`` after one step."""
         i, j, c, s = state.unbind(-1)
         v, phi = input.unbind(-1)
-        theta = torch.atan2(s, c) + (1 - self.slip) * phi * self.dt  # (1)
-        c, s = theta.cos(), theta.sin()
-        i = i + v * c * self.dt  # (2)
-        j = j + v * s * self.dt  # (3)
+        theta = torch.atan2(s, c) + (1 - self.slip) * self.dt * phi  # (1)
+        c, s, way = theta.cos(), theta.sin(), v * self.dt
+        i = i + way * c  # (2)
+        j = j + way * s  # (3)
         return torch.stack([i, j, c, s], dim=-1)
 
     def observation(self, state, input, t=None):

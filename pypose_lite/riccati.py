@@ -39,11 +39,12 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
     The cost-to-go is ``1/2 [x, 1]' V [x, 1]`` and the best input is ``u = K [x, 1]``:
 
         H = M + G' V G                             (1)
-        K = - H_uu^-1 H_u[x,1]                     (2)
-        V = [K; I]' H [K; I]                       (3)
+        W = L^-1 H_u[x,1],   H_uu = L L'           (2)
+        K = - L'^-1 W                              (3)
+        V = H_[x,1][x,1] - W' W                    (4)
 
-    With a box, inputs that it clamps keep their bound and get no feedback (2'). (3) holds for
-    any K and keeps V symmetric, which the shorter ``H_xx + H_xu K`` does not.
+    With a box, inputs that it clamps keep their bound and get no feedback (3'), and V is what
+    any K would cost: ``[K; I]' H [K; I]`` (4').
 
     Args:
         V: ``(..., n+1, n+1)``.
@@ -59,12 +60,12 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
     H = M + bmm(G.mT, bmm(V, G))  # (1)
     Huu, Hu = H[..., :m, :m], H[..., :m, m:]
     if box is None:
-        K, failed = solve_positive(Huu, -Hu)  # (2)
-    else:
-        K, failed = _clamped_gains(Huu, Hu, *box)  # (2')
+        K, W, failed = solve_positive(Huu, -Hu)  # (2), (3)
+        return H[..., m:, m:] - bmm(W.mT, W), K, failed  # (4)
+    K, failed = _clamped_gains(Huu, Hu, *box)  # (3')
     eye = torch.eye(V.shape[-1], dtype=V.dtype, device=V.device)
-    W = torch.cat([K, eye.expand(*K.shape[:-2], *eye.shape)], dim=-2)
-    return bmm(W.mT, bmm(H, W)), K, failed  # (3)
+    KI = torch.cat([K, eye.expand(*K.shape[:-2], *eye.shape)], dim=-2)
+    return bmm(KI.mT, bmm(H, KI)), K, failed  # (4')
 
 
 def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
@@ -108,7 +109,7 @@ def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[T
     free = (~clamped).to(Huu.dtype)
     rest = torch.cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at)).unsqueeze(-1)], dim=-1)
     held = Huu * free.unsqueeze(-1) * free.unsqueeze(-2) + torch.diag_embed(1 - free)
-    K, failed = solve_positive(held, -rest * free.unsqueeze(-1))
+    K, _, failed = solve_positive(held, -rest * free.unsqueeze(-1))
     return torch.cat([K[..., :-1], (K[..., -1] + at).unsqueeze(-1)], dim=-1), failed
 
 

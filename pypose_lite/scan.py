@@ -37,8 +37,15 @@ def some(mask: Tensor) -> bool:
     return not torch.compiler.is_compiling() and bool(mask.any())
 
 
-def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns ``H^-1 R`` by Cholesky, and an integer that is not 0 where H is not > 0.
+def every(mask: Tensor) -> bool:
+    """Returns whether all are True; compiled code cannot ask, and does not count on it."""
+    return not torch.compiler.is_compiling() and bool(mask.all())
+
+
+def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns ``H^-1 R``, ``W = L^-1 R`` with ``H = L L'``, and what is not 0 where H is not > 0.
+
+    Half of the way, W, is all that ``R' H^-1 R = W' W`` needs.
 
     Args:
         H: symmetric, ``(..., m, m)``.
@@ -47,7 +54,8 @@ def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
     if torch.compiler.is_compiling():
         return _compiled_solve(H, R)
     L, failed = torch.linalg.cholesky_ex(H)
-    return torch.cholesky_solve(R, L), failed
+    W = torch.linalg.solve_triangular(L, R, upper=False)
+    return torch.linalg.solve_triangular(L.mT, W, upper=True), W, failed
 
 
 def _compiled_scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool):
@@ -64,7 +72,7 @@ def _own(x: Tensor) -> Tensor:
     return x.clone(memory_format=torch.contiguous_format)
 
 
-def _compiled_solve(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
+def _compiled_solve(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Cholesky's factor column by column, then both triangular solves, row by row."""
     m = H.shape[-1]
     L: dict[tuple[int, int], Tensor] = {}
@@ -85,8 +93,9 @@ def _compiled_solve(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor]:
         for k in range(i):
             rows[i] = rows[i] - L[i, k][..., None] * rows[k]
         rows[i] = rows[i] / L[i, i][..., None]
+    W = torch.stack(rows, dim=-2)
     for i in reversed(range(m)):
         for k in range(i + 1, m):
             rows[i] = rows[i] - L[k, i][..., None] * rows[k]
         rows[i] = rows[i] / L[i, i][..., None]
-    return torch.stack(rows, dim=-2), failed
+    return torch.stack(rows, dim=-2), W, failed

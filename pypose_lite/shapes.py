@@ -120,6 +120,8 @@ def bmv(mat: Tensor, vec: Tensor) -> Tensor:
     """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
     if torch.compiler.is_compiling():
         return (mat * vec.unsqueeze(-2)).sum(-1)  # which the compiler fuses
+    if vec.ndim == 1:  # the quick way
+        return mat @ vec
     return (mat @ vec.unsqueeze(-1)).squeeze(-1)
 
 

@@ -1,4 +1,4 @@
-"""What the notebooks use beside the library: claims, plots, pictures that move, proofreading.
+"""What the notebooks use beside the library: claims, plots, tables, films, sliders, proofreading.
 
 The library itself never imports this package.
 """
@@ -6,5 +6,6 @@ The library itself never imports this package.
 from . import plotting, widgets
 from .animation import animate
 from .claims import claim
+from .tables import table
 
-__all__ = ["animate", "claim", "plotting", "widgets"]
+__all__ = ["animate", "claim", "plotting", "table", "widgets"]

@@ -16,6 +16,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.quiver import Quiver
 from torch import Tensor
 
+from .. import infinity
 from ..shapes import check
 
 BLUE, RED, ORANGE = "#0072B2", "#D55E00", "#E69F00"
@@ -48,6 +49,15 @@ def infinity_axes(ax: Axes, title: str = "", margin: float = 0.4) -> Axes:
     ax.set_aspect("equal")
     ax.set(xlim=(-2 - margin, 2 + margin), ylim=(-1 - margin, 1 + margin))
     ax.set(xlabel="i (m)", ylabel="j (m)", title=title)
+    return ax
+
+
+def plot_course(ax: Axes, title: str = "") -> Axes:
+    """Returns ``ax`` as that plane, with the two circles and the 17 waypoints in it."""
+    infinity_axes(ax, title)
+    circles = infinity.reference(torch.linspace(0, infinity.LENGTH, 200))
+    plot_reference(ax, circles, label="two circles")
+    plot_waypoints(ax, infinity.waypoints())
     return ax
 
 

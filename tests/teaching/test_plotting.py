@@ -36,6 +36,16 @@ def test_the_plane_holds_the_whole_infinity(ax):
     assert ax.get_ylim() == pytest.approx((-1.2, 1.2))
 
 
+def test_the_course_is_the_plane_with_the_circles_and_the_waypoints(ax):
+    assert plotting.plot_course(ax, "A lap") is ax
+    assert ax.get_title() == "A lap"
+    _, labels = ax.get_legend_handles_labels()
+    assert labels == ["two circles", "waypoints"]
+    assert len(ax.collections[0].get_offsets()) == 17
+    i, j = ax.lines[0].get_data()
+    assert abs((abs(i) - 1) ** 2 + j**2 - 1).max() < 1e-6
+
+
 def test_letters_are_at_least_nine_points_at_page_width(ax):
     plotting.infinity_axes(ax, title="A lap")
     plotting.plot_states(ax, CIRCLE, label="car")

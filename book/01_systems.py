@@ -36,21 +36,18 @@ import math
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
+from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import go1, infinity
-from pypose_lite.teaching import claim, plotting, widgets
+from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)  # so that no error we see is rounding
 dt = 0.1  # s, one time step
 
+
 # %% tags=["hide-input"]
-turn = 2 * math.pi / (64 * dt)  # rad/s: once around in 64 steps
-u = torch.tensor([[turn, turn]] * 64 + [[turn, -turn]] * 64)  # speed = 1 m x turn
-
-
 def roll(car, x, u):
     """The states of a car that is given the inputs u one after the other."""
     states = [x]
@@ -59,12 +56,12 @@ def roll(car, x, u):
     return torch.stack(states, dim=-2)
 
 
+turn = 2 * math.pi / (64 * dt)  # rad/s: once around in 64 steps
+u = torch.tensor([[turn, turn]] * 64 + [[turn, -turn]] * 64)  # speed = 1 m x turn
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.8), width_ratios=[1.5, 1])
 x = roll(pp.DubinsCar(dt), infinity.waypoints()[0], u)
-plotting.plot_waypoints(plotting.infinity_axes(left), infinity.waypoints())
-plotting.plot_states(left, x, label="car")
-left.legend(loc="upper center", ncols=2)
-left.set_ylim(-1.4, 1.7)
+plotting.plot_states(plotting.plot_course(left), x, label="car")
+fig.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=3)
 right.plot(dt * torch.arange(128), u, label=["speed (m/s)", "turn rate (rad/s)"])
 right.set(xlabel="time (s)", ylabel="input", ylim=(-1.2, 1.7))
 right.legend(loc="upper right")
@@ -367,14 +364,13 @@ handles, _ = panels[1].get_legend_handles_labels()
 _ = fig.legend(handles=handles, loc="outside lower center", ncols=3)
 
 # %% mystnb={"markdown_format": "myst"}
-one_lap = noisy[:, :129]
-table = "| car | mean error (m) | largest (m) | end to start (m) |\n|:--|--:|--:|--:|"
+one_lap, rows = noisy[:, :129], []
 runs = {"ideal": x[None], "slips": slipping[None], "1000 with noise": one_lap}
 for name, run in runs.items():
     error, end = infinity.tracking_error(run), run[:, -1, :2].norm(dim=-1)
     cells = error.mean(), error.amax(1).mean(), end.mean()
-    table += f"\n| {name} | " + " | ".join(f"{cell:.3f}" for cell in cells) + " |"
-display(Markdown(table))
+    rows.append(" | ".join([name, *(f"{cell:.3f}" for cell in cells)]))
+display(table("car | mean error (m) | largest (m) | end to start (m)", rows))
 largest = infinity.tracking_error(one_lap).amax(1)
 claim("noise_error", largest.mean(), above=0.12, below=0.18, unit="m")
 claim("beyond_tolerance", 100 * (largest > 0.1).double().mean(), above=60, unit="%")
@@ -425,12 +421,11 @@ widgets.live(
 # an angle that a sensor wraps into $(-\pi, \pi]$.
 
 # %%
-theta = torch.atan2(x[:, 3], x[:, 2])
 old, late = x[1:] - DubinsCar().transition(x[:-1], u), x[2:] - f(x[1:-1], u[:-1])
 faults = {
     "old heading (m)": old[:, :2].norm(dim=-1),
     "inputs one step late (rad)": late[:, 2:].norm(dim=-1),
-    "wrapped angle (rad)": (theta.diff() - u[:, 1] * dt).abs(),
+    "wrapped (rad)": (torch.atan2(x[:, 3], x[:, 2]).diff() - u[:, 1] * dt).abs(),
 }
 fig, panels = plt.subplots(1, 3, figsize=(7, 2.2))
 for ax, (title, residual) in zip(panels, faults.items()):

@@ -36,23 +36,18 @@ import math
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
+from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import go1, infinity, riccati
-from pypose_lite.teaching import claim, plotting, widgets
+from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
 dt = 0.1  # s, one time step
 
+
 # %% tags=["hide-input"]
-turn = 2 * math.pi / (64 * dt)  # rad/s
-phi = torch.tensor([turn / 2] + [turn] * 63 + [0.0] + [-turn] * 63)
-speed = 2 * math.sin(turn * dt / 2) / dt  # m/s
-u_ref = torch.stack([torch.full_like(phi, speed), phi], dim=-1)
-
-
 def drive(car, policy, x, noise=0.0):
     """States and inputs of a car, or a batch of them, steered by policy(i, x)."""
     generator, states, inputs = torch.Generator().manual_seed(1), [x], []
@@ -67,19 +62,22 @@ def open_loop(i, x):
     return u_ref[i].expand(*x.shape[:-1], 2)
 
 
+turn = 2 * math.pi / (64 * dt)  # rad/s
+phi = torch.tensor([turn / 2] + [turn] * 63 + [0.0] + [-turn] * 63)
+speed = 2 * math.sin(turn * dt / 2) / dt  # m/s
+u_ref = torch.stack([torch.full_like(phi, speed), phi], dim=-1)
 x_ref, _ = drive(pp.DubinsCar(dt), open_loop, infinity.waypoints()[0])
 
+
 # %% tags=["hide-input"]
-Q = torch.diag(torch.tensor([1, 1, 0.3, 0.3, 0.01, 0.01]))  # weights of [x, u]
-z_ref = torch.cat([x_ref[:-1], u_ref], dim=-1)
-controller = pp.LQR(pp.DubinsCar(dt), Q, -z_ref @ Q, T=len(u_ref))
-K, k = controller.lqr_backward(x_ref[0], dt, u_ref)
-
-
 def feedback(K):
     return lambda i, x: u_ref[i] + pp.bmv(K[i], x - x_ref[i])
 
 
+Q = torch.diag(torch.tensor([1, 1, 0.3, 0.3, 0.01, 0.01]))  # weights of [x, u]
+z_ref = torch.cat([x_ref[:-1], u_ref], dim=-1)
+controller = pp.LQR(pp.DubinsCar(dt), Q, -z_ref @ Q, T=len(u_ref))
+K, k = controller.lqr_backward(x_ref[0], dt, u_ref)
 bad_car = pp.DubinsCar(dt, slip=0.05)
 policies = {"open loop": open_loop, "LQR": feedback(K)}
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.9), sharey=True)
@@ -112,16 +110,15 @@ claim("result_error", infinity.tracking_error(x).max(), below=0.06, unit="m")
 # on the path, about 1 cm beside it, or about 10 cm? <!-- given: 1 cm, 10 cm -->
 
 # %% mystnb={"markdown_format": "myst"}
-cars, largest = x_ref[0].expand(200, 4), {}
+cars, largest, rows = x_ref[0].expand(200, 4), {}, []
 troubles = {"slip": (0.05, 0.0), "noise": (0.0, 0.005), "both": (0.05, 0.005)}
-table = "| largest error in a lap (m) | open loop | LQR |\n|:--|--:|--:|"
 for name, (slip, noise) in troubles.items():
     for kind, policy in policies.items():
         x, _ = drive(pp.DubinsCar(dt, slip), policy, cars, noise)
         largest[kind, name] = infinity.tracking_error(x).amax(-1).mean()
     open_error, lqr_error = largest["open loop", name], largest["LQR", name]
-    table += f"\n| {name} | {open_error:.3f} | {lqr_error:.3f} |"
-display(Markdown(table))
+    rows.append(f"{name} | {open_error:.3f} | {lqr_error:.3f}")
+display(table("largest error in a lap (m) | open loop | LQR", rows))
 claim("open_both", largest["open loop", "both"], above=0.5, unit="m")
 claim("lqr_both", largest["LQR", "both"], below=0.04, unit="m")
 claim("lqr_slip", largest["LQR", "slip"], above=0.005, below=0.02, unit="m")
@@ -404,7 +401,6 @@ x, u = drive(pp.DubinsCar(dt), feedback(K), turned)
 dz = torch.cat([x[:, :-1], u], dim=-1) - z_ref
 dx = dz[:, 0, :4]
 kept = pp.bvmv(dz, Q, dz).sum(-1) / pp.bvmv(dx, V_hand, dx)
-
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.9))
 errors = []
 for name, gain in [("right", K), ("wrong order", K_order), ("wrong sign", -K)]:

@@ -36,12 +36,12 @@ from functools import partial
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
+from IPython.display import display
 from torch.autograd import gradcheck
 
 import pypose_lite as pp
 from pypose_lite import go1, ilqr, infinity
-from pypose_lite.teaching import animate, claim, plotting, widgets
+from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -56,7 +56,7 @@ plans = mpc.solve(dt, lap.x[:-1], W[lap.goal])  # those of the lap, in one batch
 fig, ax = plt.subplots(figsize=(7, 4.3))
 plotting.plot_waypoints(plotting.infinity_axes(ax), W)
 [way] = plotting.plot_states(ax, lap.x[:1], label="car")
-[plan] = ax.plot([], [], "x--", color="black", ms=5, lw=1, label="plan, a second ahead")
+[plan] = ax.plot([], [], "kx--", ms=5, lw=1, label="plan, a second ahead")
 [aim] = ax.plot([], [], "o", ms=13, mfc="none", color=plotting.GREEN, label="aim")
 fig.legend(loc="outside lower center", ncols=4)
 
@@ -164,7 +164,7 @@ def plan_by_hand(x_init, target, T, sweeps):
         for t in reversed(range(T)):  # 2. Riccati
             F = torch.cat([A[t], B[t]], dim=-1)
             H, h = Q + F.mT @ V @ F, Q @ z[t] + F.mT @ v
-            K = -torch.linalg.solve(H[4:, 4:], torch.cat([H[4:, :4], h[4:, None]], -1))
+            K = -torch.linalg.solve(H[4:, 4:], torch.cat([H[4:, :4], h[4:, None]], 1))
             V, v = H[:4, :4] + H[:4, 4:] @ K[:, :4], h[:4] + H[:4, 4:] @ K[:, 4]
             gains.insert(0, K)
         tries = [follow(x, u, gains, step) for step in (1, 0.5, 0.25, 0.1)]
@@ -315,14 +315,14 @@ plotting.plot_states(b, noisy.x[0], label="car")
 _ = fig.legend(*b.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 # %% mystnb={"markdown_format": "myst"}
-table, mean = "| car | steps | mean error (m) | largest (m) |\n|:--|--:|--:|--:|", {}
+rows, mean = [], {}
 ideal = infinity.drive(few, tolerance=0.3)
 runs = {"ideal, 0.1 m": lap, "ideal, 0.3 m": ideal, "16 with noise, 0.3 m": noisy}
 for name, run in runs.items():
     error = infinity.tracking_error(run.x[..., :-1, :])[run.running]
     mean[name], steps = error.mean(), run.steps.double().mean()
-    table += f"\n| {name} | {steps:.0f} | {error.mean():.3f} | {error.max():.3f} |"
-display(Markdown(table))
+    rows.append(f"{name} | {steps:.0f} | {error.mean():.3f} | {error.max():.3f}")
+display(table("car | steps | mean error (m) | largest (m)", rows))
 seen_error = (noisy.y - noisy.x[:, :-1])[..., :2].norm(dim=-1)[noisy.running].mean()
 visits = lap.x[torch.searchsorted(lap.goal, torch.arange(17), right=True)]  # in order
 claim("visited", ((visits - W)[:, :2].norm(dim=-1) <= 0.1).sum(), equals=17, paper=17)
@@ -370,15 +370,14 @@ claim("saved_at_new_aim", saved[~same_aim].mean(), above=-1, below=2)
 laps = {10: lap}
 for h in [2, 3, 4, 6, 20]:
     laps[h] = infinity.drive(pp.MPC(car, Q, p, h, few.stepper), steps=50)
-done = [h for h in sorted(laps) if laps[h].finished]
-errors = {h: infinity.tracking_error(laps[h].x).mean() for h in done}
+off = {h: infinity.tracking_error(z.x).mean() for h, z in laps.items() if z.finished}
 
 
 def look_ahead(h):
     fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.6), width_ratios=[1.6, 1])
     plotting.plot_waypoints(plotting.infinity_axes(left, f"T = {h}"), W)
     plotting.plot_states(left, laps[h].x)
-    right.plot(errors.keys(), errors.values(), "o-", color=plotting.GREY)
+    right.plot(*zip(*sorted(off.items())), "o-", color=plotting.GREY)
     right.axvline(h, ls="--")
     right.set(xlabel="horizon T (steps)", ylabel="mean error (m)", ylim=(0, 0.03))
     right.legend(["finished", "this horizon"], loc="lower right")
@@ -386,8 +385,8 @@ def look_ahead(h):
 
 
 display(widgets.panels(look_ahead, [2, 3, 4, 10, 20], "horizon (steps)"))
-claim("shortest_that_finishes", min(errors), equals=4)
-claim("gain_by_doubling", errors[10] - errors[20], above=0, below=0.01, unit="m")
+claim("shortest_that_finishes", min(off), equals=4)
+claim("gain_by_doubling", off[10] - off[20], above=0, below=0.01, unit="m")
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -481,10 +480,10 @@ claim("clipped_reached", limited[1].goal.max() - 1, below=16)
 
 # %%
 swapped = torch.diag(torch.tensor([0.3, 0.3, 1, 1, 0.01, 0.01]))
-parked = infinity.drive(pp.MPC(car, swapped, p, T, few.stepper), steps=60)
+still = infinity.drive(pp.MPC(car, swapped, p, T, few.stepper), steps=60)
 strict, names = noisy_laps(tolerance=0.1), ["right", "wrong weights", "short sight"]
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.8))
-for name, run, style in zip(names, [lap, parked, laps[3]], ["-", "--", "-."]):
+for name, run, style in zip(names, [lap, still, laps[3]], ["-", "--", "-."]):
     away = (run.x[:-1] - W[run.goal])[:, :2].norm(dim=-1)
     left.plot(dt * torch.arange(len(away)), away, style, label=name)
 left.axhline(0.1, color="black", ls=":", label="tolerance")
@@ -496,7 +495,7 @@ for name, run, style in [("0.3 m", noisy, "-"), ("0.1 m", strict, "--")]:
 right.set(xlabel="time (s)", ylabel="waypoints reached", yticks=[0, 4, 8, 12, 16])
 right.legend(title="tolerance")
 plt.show()
-claim("parked_at", (parked.x[-1] - W[parked.goal[-1]])[:2].norm(), above=0.1, unit="m")
+claim("parked_at", (still.x[-1] - W[still.goal[-1]])[:2].norm(), above=0.1, unit="m")
 claim("strict_finished", strict.finished.sum(), below=16)
 chance = 1 - math.exp(-0.5 * (0.1 / infinity.OBSERVATION_NOISE) ** 2)
 claim("look_succeeds", 100 * chance, below=20, unit="%")

@@ -39,11 +39,11 @@ from time import process_time
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
+from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import filters, go1, infinity, planner, splines
-from pypose_lite.teaching import animate, claim, plotting, widgets
+from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -62,10 +62,9 @@ def steering(price, sweeps=2):
 
 def lap(aim=None, price=0.01, cars=64, estimator=True, sweeps=2, **options):
     mpc, ekf = steering(price, sweeps), pp.module.EKF(car) if estimator else None
-    noise = {"process_noise": q, "observation_noise": r}
-    noise["generator"] = torch.Generator().manual_seed(0)
-    options = {"x_init": W[0].expand(cars, 4), "steps": 60} | noise | options
-    return infinity.drive(mpc, car, ekf, aim=aim, **options)
+    how = {"process_noise": q, "observation_noise": r, "x_init": W[0].expand(cars, 4)}
+    how |= {"generator": torch.Generator().manual_seed(0), "steps": 60}
+    return infinity.drive(mpc, car, ekf, aim=aim, **how | options)
 
 
 def ahead(x, goal, spacing=0.25):
@@ -79,27 +78,22 @@ def stray(run):
 
 # %% tags=["hide-input"]
 def record(name, *args, **options):
-    began = process_time()
-    runs[name] = run = lap(*args, sweeps=3, **options)
-    took[name] = 1000 * (process_time() - began) / run.u.shape[1]
+    began, run = process_time(), lap(*args, sweeps=3, **options)
+    runs[name], took[name] = run, 1000 * (process_time() - began) / run.u.shape[1]
     return run
 
 
 def think(k):
-    way.set_data(*planned.estimate[0, : 3 * k + 1, :2].mT)
-    plan.set_data(*ahead(planned.estimate[0, 3 * k], planned.goal[0, 3 * k])[:, :2].mT)
+    fig, ax = plt.subplots(figsize=(7, 4.3))
+    x, goal = planned.estimate[0, : 3 * k + 1], planned.goal[0, 3 * k]
+    plotting.plot_states(plotting.plot_course(ax), x, label="estimates")
+    ax.plot(*ahead(x[-1], goal)[:, :2].mT, "kx--", ms=5, lw=1, label="local plan")
+    fig.legend(loc="outside lower center", ncols=4)
     return fig
 
 
-fig, ax = plt.subplots(figsize=(7, 4.3))
-plotting.plot_reference(plotting.infinity_axes(ax), circles, "two circles")
-plotting.plot_waypoints(ax, W)
-[way] = plotting.plot_states(ax, W[:1], label="estimates")
-[plan] = ax.plot([], [], "x--", color="black", ms=5, lw=1, label="local plan")
-fig.legend(loc="outside lower center", ncols=4)
 runs, took, cheap = {}, {}, {"price": 0.001, "tolerance": 0.3}
-plain = record("filter")  # chapter 4
-planned = record("filter + plan", ahead, **cheap)
+plain, planned = record("filter"), record("filter + plan", ahead, **cheap)
 display(animate(think, int(planned.steps[0]) // 3, seconds=0.3))
 claim("all_finish", planned.finished.all(), equals=True)
 claim("closer", 100 * (1 - stray(planned) / stray(plain)), above=4, unit="%")
@@ -126,8 +120,7 @@ clear = lap(ahead, tolerance=0.3, **silent)
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.9), sharey=True)
 titles = "reached at 0.1 m", "reached at 0.3 m"
 for ax, title, run in zip(panels, titles, (strict, wide)):
-    plotting.plot_reference(plotting.infinity_axes(ax, title), circles, "two circles")
-    plotting.plot_waypoints(ax, W)
+    plotting.plot_course(ax, title)
     plotting.plot_states(ax, run.x[1, : run.steps[1] + 1], label="car")
     ax.label_outer()
 fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
@@ -162,14 +155,12 @@ claim("strays_clear", stray(clear), above=0.05, unit="m")
 
 # %% mystnb={"markdown_format": "myst"}
 hasty = lap(price=0.001, sweeps=3)
-table = "| aims at | price | steps | mean speed (m/s) | strays (m) |\n"
-table += "|:--|--:|--:|--:|--:|"
 four = [("the waypoint", 0.01, plain), ("the waypoint", 0.001, hasty)]
-four += [("a plan", 0.01, wide), ("a plan", 0.001, planned)]
+four, rows = [*four, ("a plan", 0.01, wide), ("a plan", 0.001, planned)], []
 for name, price, run in four:
     steps, speed = run.steps.double().mean(), run.u[..., 0][run.running].mean()
-    table += f"\n| {name} | {price} | {steps:.1f} | {speed:.2f} | {stray(run):.4f} |"
-display(Markdown(table))
+    rows.append(f"{name} | {price} | {steps:.1f} | {speed:.2f} | {stray(run):.4f}")
+display(table("aims at | price | steps | mean speed (m/s) | strays (m)", rows))
 claim("hasty_speed", hasty.u[..., 0][hasty.running].mean(), above=5, unit="m/s")
 claim("hasty_strays", stray(hasty) / stray(plain), above=0.95)
 claim("strays_planned", stray(planned), below=0.038, unit="m")
@@ -273,10 +264,9 @@ claim("chspline_steps", len(by_hand(chspline_plan)) - 1, below=60)
 raw = record("raw", estimator=False, tolerance=0.3)
 places = record("filter + chspline", places_only, **cheap)
 names = ["EKF", "EKF + chspline", "EKF + local plan"]
-fig, panels = plt.subplots(3, 2, figsize=(7, 6.9), width_ratios=[1.25, 1], sharex="col")
+fig, panels = plt.subplots(3, 2, figsize=(7, 6.9), width_ratios=[5, 4], sharex="col")
 for (left, right), name, run in zip(panels, names, (plain, places, planned)):
-    plotting.plot_reference(plotting.infinity_axes(left, name), circles, "two circles")
-    plotting.plot_waypoints(left, W)
+    plotting.plot_course(left, name)
     left.plot(*run.x[1:16].permute(2, 1, 0)[:2], color=plotting.GREY, lw=0.4)
     left.lines[1].set_label("15 other cars")
     plotting.plot_states(left, run.x[0, : run.steps[0] + 1], label="car")
@@ -319,25 +309,23 @@ X, P = planned.estimate[:, :N], planned.P[:, :N]
 y, u = planned.y[:, : N - 1], planned.u[:, : N - 1]
 xs, Ps = filters.smooth(pp.EKF(car, Q, R), X, P, y, u)
 took["smoother"] = 1000 * (process_time() - began) / N
-
-# %% mystnb={"markdown_format": "myst"}
-head = "strays (m) | knows (m) | bends (1/m²) | speed changes | turn changes"
-head += " | steps | time (ms)"
-table, seen = f"| loop | {head} |\n|:--|--:|--:|--:|--:|--:|--:|--:|", {}
-for name in ("raw", "filter", "filter + chspline", "filter + plan"):
-    run, on = runs[name], runs[name].running
-    knows = (run.estimate - run.x[:, :-1])[..., :2].norm(dim=-1)[on].mean()
-    changes = run.u.diff(dim=1)[on[:, 1:]].square().mean(0)
-    bends = bending(run.x[..., :2], on[:, 1:])
-    seen[name] = stray(run), knows, bends, *changes, run.steps.double().mean()
-    table += f"\n| {name} | " + " | ".join(f"{z:.3g}" for z in seen[name])
-    table += f" | {took[name]:.0f} |"
 knows = (xs - planned.x[:, :N])[..., :2].norm(dim=-1).mean()
 bends = bending(xs[..., :2], torch.full((64, N - 2), True))
-table += f"\n| smoother | | {knows:.3g} | {bends:.3g} | | | | {took['smoother']:.0f} |"
-display(Markdown(table))
+smoother = f"smoother | | {knows:.3g} | {bends:.3g} | | | | {took['smoother']:.0f}"
+claim("knows_smoother", knows, below=0.05, unit="m")
 
-# %%
+# %% mystnb={"markdown_format": "myst"}
+seen, rows = {}, []
+for name in ("raw", "filter", "filter + chspline", "filter + plan"):
+    run, on = runs[name], runs[name].running
+    off = (run.estimate - run.x[:, :-1])[..., :2].norm(dim=-1)[on].mean()
+    changes = run.u.diff(dim=1)[on[:, 1:]].square().mean(0)
+    way = bending(run.x[..., :2], on[:, 1:])
+    seen[name] = [stray(run), off, way, *changes, run.steps.double().mean()]
+    cells = [name, *(f"{z:.3g}" for z in seen[name]), f"{took[name]:.0f}"]
+    rows.append(" | ".join(cells))
+head = "loop | strays (m) | knows (m) | bends (1/m²) | speed changes | turn changes"
+display(table(head + " | steps | time (ms)", [*rows, smoother]))
 before, bare, after = list(seen.values())[1:]
 claim("smoother_speed", before[3] / after[3], above=100)
 claim("smoother_turn", before[4] / after[4], above=4)
@@ -347,7 +335,6 @@ claim("bare_speed", before[3] / bare[3], above=30)
 claim("bare_turn", bare[4] / before[4], above=1)
 claim("bare_strays", bare[0] / before[0], above=1.1)
 claim("plan_strays", after[0] / before[0], below=0.96)
-claim("knows_smoother", knows, below=0.05, unit="m")
 
 # %% [markdown]
 # "The inclusion of `chspline` noticeably smooths the trajectory and brings it closer to the desired
@@ -505,56 +492,47 @@ claim("time_planned", took["filter + plan"] / took["filter"], below=2, varies=Tr
 
 # %%
 def next_only(x, goal):
-    only = W.expand(*goal.shape, 17, 4).take_along_dim(goal[..., None, None], dim=-2)
-    return pp.local_plan(x, only, 0, 0.25, count=10)
+    return pp.local_plan(x, W[goal][..., None, :], 0, 0.25, count=10)
 
 
-def every(k, spacing, gaps, plan=None):
-    def aim(x, goal):
-        nonlocal plan
-        i = len(gaps) % k
-        plan = pp.local_plan(x, W, goal, spacing, count=10 + k) if i == 0 else plan
-        gaps.append((x - plan[..., i, :])[..., :2].norm(dim=-1))
-        return plan[..., i : i + 10, :]
-
-    return aim
+def every_twelfth(spacing, x, goal):
+    """The plan of up to eleven steps ago, from where it should have led by now."""
+    i = len(gaps[spacing]) % 12
+    if i == 0:
+        plans[spacing] = pp.local_plan(x, W, goal, spacing, count=22)
+    plan = plans[spacing][..., i : i + 10, :]
+    gaps[spacing].append((x - plan[..., 0, :])[..., :2].norm(dim=-1))
+    return plan
 
 
 slow = {"u_lower": -4.0, "u_upper": torch.tensor([2.0, 4.0]), "steps": 26}
-few, gaps, cured_gaps = {"cars": 16} | cheap, [], []
+few, plans, gaps = {"cars": 16} | cheap, {}, {0.25: [], 0.18: []}
 noisy, brief = lap(ahead, estimator=False, **few), lap(next_only, **few)
-plans = (0.25, gaps), (0.18, cured_gaps)
-old, cured = (lap(every(12, *z), **slow | few) for z in plans)
+old, cured = (lap(partial(every_twelfth, spacing), **slow | few) for spacing in gaps)
+jolts = [z.u.diff(dim=1)[z.running[:, 1:]].square().mean(0) for z in (noisy, brief)]
+claim("cured_strays", stray(cured), below=0.045, unit="m")
 
 # %% tags=["hide-input"]
 fig, panels = plt.subplots(2, 3, figsize=(7, 4.2), height_ratios=[1.1, 1])
-faulty = {"plan from noise": noisy, "short plan": brief, "old plan": old}
-for ax, (name, run) in zip(panels[0], faulty.items()):
+faults = {"plan from noise": noisy, "short plan": brief, "old plan": old}
+for ax, (name, run) in zip(panels[0], faults.items()):
     plotting.plot_reference(plotting.infinity_axes(ax, name), circles)
     plotting.plot_states(ax, run.x[0, : run.steps[0] + 1])
     ax.label_outer()
-v, phi = planned.u[0].mT
-curves = [(noisy.u[0, :, 1], phi), (brief.u[0, :, 0], v)]
-curves += [(torch.stack(gaps)[:, 0], torch.stack(cured_gaps)[:, 0])]
-names = "turn rate (rad/s)", "speed (m/s)", "car to plan (m)"
-for ax, pair, name in zip(panels[1], curves, names):
-    for z, style, label in zip(pair, ("-", "--"), ("broken", "right")):
-        ax.plot(dt * torch.arange(26), z[:26], style, lw=1.2, label=label)
-    ax.set(xlabel="time (s)", ylabel=name)
-fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+pairs = {"turn rate (rad/s)": (noisy.u[0, :, 1], planned.u[0, :, 1])}
+pairs["speed (m/s)"] = brief.u[0, :, 0], planned.u[0, :, 0]
+pairs["car to plan (m)"] = [torch.stack(gap)[:, 0] for gap in gaps.values()]
+for ax, (name, (broken, right)) in zip(panels[1], pairs.items()):
+    lines = ax.plot(broken[:26], "-", right[:26], "--", lw=1.2)
+    ax.set(xlabel="step", ylabel=name)
+fig.legend(lines, ["broken", "right"], loc="outside lower center", ncols=2)
 plt.show()
-turning, jolts = [], []
-for run in (noisy, brief, planned):
-    v, phi = run.u.diff(dim=1)[run.running[:, 1:]].square().mean(0)
-    turning.append(phi)
-    jolts.append(v)
-claim("noisy_turning", turning[0] / turning[2], above=50)
+claim("noisy_turning", jolts[0][1] / after[4], above=50)
 claim("noisy_strays", stray(noisy), above=0.07, unit="m")
 claim("brief_strays", stray(brief) / stray(planned), above=0.8, below=1.4)
-claim("brief_jolts", jolts[1] / jolts[2], above=3)
-claim("old_gap", torch.stack(gaps).max(dim=0).values.mean(), above=0.2, unit="m")
+claim("brief_jolts", jolts[1][0] / after[3], above=3)
+claim("old_gap", torch.stack(gaps[0.25]).amax(0).mean(), above=0.2, unit="m")
 claim("old_strays", stray(old), above=0.1, unit="m")
-claim("cured_strays", stray(cured), below=0.045, unit="m")
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -667,9 +645,7 @@ with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as robot:
     mpc, ekf = steering(0.001), pp.module.EKF(car)
     walk = infinity.drive(mpc, car, ekf, robot, plan, **options)
 fig, ax = plt.subplots(figsize=(7, 3.2))
-plotting.plot_reference(plotting.infinity_axes(ax), circles, label="two circles")
-plotting.plot_waypoints(ax, W)
-plotting.plot_states(ax, walk.x, label="the dog, as it says")
+plotting.plot_states(plotting.plot_course(ax), walk.x, label="the dog, as it says")
 ax.set_ylim(-1.3, 1.8)
 ax.legend(loc="upper center", ncols=3)
 plt.show()

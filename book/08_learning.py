@@ -36,13 +36,13 @@ from functools import partial
 
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
+from IPython.display import display
 from torch.autograd.functional import jacobian
 from torch.func import grad, hessian, jacfwd, jvp
 
 import pypose_lite as pp
 from pypose_lite import filters, go1, implicit, infinity
-from pypose_lite.teaching import claim, plotting, widgets
+from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -110,16 +110,15 @@ claim("slip_from_one", learned.slip, equals=0.2, within=0.04)
 # %% mystnb={"markdown_format": "myst"}
 laps["learned", "ideal"] = lap(learned, ideal)
 laps["ideal", "learned"] = lap(ideal, learned)
-table = "| planner | filter | straying (m) | NEES | finished |\n|:--|:--|--:|--:|--:|"
-stray, nees, done = {}, {}, {}
+stray, nees, done, rows = {}, {}, {}, []
 for who, run in laps.items():
     on, truth = run.running, run.x[:, :-1]
     stray[who] = infinity.tracking_error(truth)[on].mean()
     nees[who] = filters.nees(run.estimate, run.P, truth)[on].mean()
     done[who] = run.finished.sum()
-    table += f"\n| {who[0]} | {who[1]} | {stray[who]:.3f} "
-    table += f"| {nees[who]:.1f} | {done[who]} of 16 |"
-display(Markdown(table))
+    told = " | ".join(who)
+    rows.append(f"{told} | {stray[who]:.3f} | {nees[who]:.1f} | {done[who]} of 16")
+display(table("planner | filter | straying (m) | NEES | finished", rows))
 claim("blind_finished", done["ideal", "ideal"], equals=0)
 claim("learned_finished", done["learned", "learned"], above=13)
 claim("blind_stray", stray["ideal", "ideal"], above=0.18, unit="m")
@@ -249,14 +248,32 @@ claim("pypose_agrees", (sweep[0, 1] - pypose).abs(), below=1e-8)
 #
 # A dense $J_{uu}$ has $(2T)^2$ entries and is the same for every parameter. A gradient needs one
 # product with its inverse, and an inverse times a vector is the minimum of a parabola: an LQR
-# around the plan. So the library makes one Riccati run more, with the full curvature:
+# around the plan. So the library makes one Riccati run more, with the full curvature. It is printed
+# below. And since all that follows learns in the same way, here is that way, once: `descend` gives
+# a loss and its gradient to an optimiser, L-BFGS, and keeps a diary.
+
 
 # %%
+def descend(loss, start, iterations=20):
+    """What is learned, and the losses and the numbers of every evaluation."""
+    z, losses, path = start.clone().requires_grad_(), [], []
+
+    def evaluate():
+        value = loss(z)
+        (z.grad,) = torch.autograd.grad(value, z)
+        losses.append(value.detach())
+        path.append(z.detach().clone())
+        return losses[-1]
+
+    wolfe = {"line_search_fn": "strong_wolfe"}
+    torch.optim.LBFGS([z], max_iter=iterations, **wolfe).step(evaluate)
+    return z.detach(), torch.stack(losses), torch.stack(path)
+
+
 print(inspect.getsource(implicit.newton_step).split('"""')[2])
 s = slip.clone().requires_grad_()
 rows = [torch.autograd.grad(z, s, retain_graph=True)[0] for z in plan_with(s).ravel()]
-same = (torch.stack(rows) - by_hand.ravel()).abs().max()
-claim("same_gradient", same, below=1e-8)
+claim("same_gradient", (torch.stack(rows) - by_hand.ravel()).abs().max(), below=1e-8)
 
 # %% [markdown]
 # `model` makes the car linear along the plan, `curvature` adds the second part of
@@ -324,47 +341,33 @@ claim("slip_mean", whole_run.mean(), equals=0.2, within=0.02)
 
 # %%
 def weigh(logs):
-    (heading, speed, turn), one = logs.exp(), torch.ones(())
-    return torch.stack([one, one, heading, heading, speed, turn])
+    return torch.cat([torch.ones(2), logs.exp()[[0, 0, 1, 2]]])
 
 
-def decide(logs, warm=None):
-    plan = pp.MPC(ideal, weigh(logs).diag(), None, T).solve(dt, *seen, u_init=warm)
-    return plan.u
+def unlike(logs, sweep=False):
+    u = pp.MPC(ideal, weigh(logs).diag(), None, T)(dt, seen, aims)[1]
+    u = one_more_sweep(u, 0 * slip, weigh(logs), seen, aims[:, None]) if sweep else u
+    return (u[:, 0] - did).square().mean()
 
 
-true_prices = torch.tensor([0.6, 0.02, 0.05])
+true_prices, first = torch.tensor([[0.6, 0.02, 0.05], [0.3, 0.01, 0.01]])
 expert = infinity.drive(pp.MPC(ideal, weigh(true_prices.log()).diag(), None, T))
-seen, g = (expert.x[:-1], W[expert.goal]), torch.Generator().manual_seed(0)
+seen, aims, g = expert.x[:-1], W[expert.goal], torch.Generator().manual_seed(0)
 did = expert.u + 0.05 * torch.randn(expert.u.shape, generator=g)
-
-# %%
-logs, diary = torch.tensor([0.3, 0.01, 0.01]).log().requires_grad_(), []
-
-
-def unlike():
-    u = decide(logs, diary[-1][2] if diary else None)
-    loss = (u[:, 0] - did).square().mean()
-    diary.append((loss.detach(), logs.detach().exp(), u.detach()))
-    (logs.grad,) = torch.autograd.grad(loss, logs)
-    return diary[-1][0]
-
-
-torch.optim.LBFGS([logs], max_iter=11, line_search_fn="strong_wolfe").step(unlike)
-losses, path = (torch.stack(z) for z in list(zip(*diary))[:2])
+logs, losses, path = descend(unlike, first.log(), 11)
 claim("loss_early", 100 * losses[3] / losses[0], below=6, unit="%")
-claim("heading_early", path[3, 0], below=0.35)
-claim("heading_learned", path[-1, 0], equals=0.6, within=0.15)
-claim("speed_learned", path[-1, 1], equals=0.02, within=0.002)
-claim("turn_learned", path[-1, 2], equals=0.05, within=0.01)
+claim("heading_early", path[3, 0].exp(), below=0.35)
+claim("heading_learned", path[-1, 0].exp(), equals=0.6, within=0.15)
+claim("speed_learned", path[-1, 1].exp(), equals=0.02, within=0.002)
+claim("turn_learned", path[-1, 2].exp(), equals=0.05, within=0.01)
 
 # %% tags=["hide-input"]
-both = torch.stack([weigh(z.log()).diag().expand(T, 6, 6) for z in path[[0, -1]]])
+both = torch.stack([weigh(z).diag().expand(T, 6, 6) for z in path[[0, -1]]])
 twins = infinity.drive(pp.MPC(ideal, both, None, T, few), x_init=W[:1].expand(2, 4))
 before, after = (u[:n, 0] for u, n in zip(twins.u, twins.steps))
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.9))
 for k, name in enumerate(["heading", "speed", "turning"]):
-    left.semilogy(path[:, k] / true_prices[k], "osv"[k] + "-", ms=4, label=name)
+    left.semilogy(path[:, k].exp() / true_prices[k], "osv"[k] + "-", ms=4, label=name)
 left.semilogy(losses / losses[0], "k--", label="loss / first loss")
 left.set(xlabel="evaluation", ylabel="price / true price")
 left.legend(fontsize=8)
@@ -435,13 +438,12 @@ claim("from_below_all", (ends[1] < -0.5).sum(), equals=16)
 
 # %%
 fig, ax = plt.subplots(figsize=(7, 2.6))
-(x_41, target_41), steep = W[:2, None].expand(2, 41, 4), torch.logspace(-3, 1, 41)
-steep.requires_grad_()
+steep = torch.logspace(-3, 1, 41).requires_grad_()
 S = torch.stack([*prices[:5, None].expand(5, 41), steep], dim=-1).diag_embed()
 hurried, slopes = pp.MPC(ideal, S[:, None].expand(41, T, 6, 6), None, T), {}
 box = {"u_lower": torch.tensor([0.0, -1.5]), "u_upper": torch.tensor([2.0, 1.5])}
 for name, limits, style in [("free", {}, "--"), ("bounded", box, "-")]:
-    turn = hurried(dt, x_41, target_41, **limits)[1][:, 0, 1]
+    turn = hurried(dt, *W[:2, None].expand(2, 41, 4), **limits)[1][:, 0, 1]
     (slopes[name],) = torch.autograd.grad(turn.sum(), steep)
     ax.semilogx(steep.detach(), turn.detach(), style, label=name)
 ax.set(xlabel="price of turning", ylabel="first turn rate (rad/s)")
@@ -449,12 +451,8 @@ ax.legend()
 plt.show()
 claim("no_slope_free", (slopes["free"] == 0).sum(), equals=0)
 claim("no_slope_bounded", (slopes["bounded"] == 0).sum(), above=15)
-
-# %%
-s, once = slip.clone().requires_grad_(), pp.utils.ReduceToBason(steps=1)
-with warnings.catch_warnings(record=True) as heard:
-    warnings.simplefilter("always")
-    half = plan_with(s, once)
+with warnings.catch_warnings(record=True, action="always") as heard:
+    half = plan_with(s, pp.utils.ReduceToBason(steps=1))
 print(*[w.message for w in heard])
 (hasty,) = torch.autograd.grad(half[0, 1], s)
 claim("half_a_plan", hasty / by_hand[0, 1], below=0.8)
@@ -484,18 +482,12 @@ def central_differences(loss, at, h=1e-5):
     return torch.stack([(loss(at + d) - loss(at - d)) / (2 * h) for d in steps])
 
 
-def unlike_by(logs, sweep=False):
-    u, (x, aim) = decide(logs), seen
-    u = one_more_sweep(u, 0 * slip, weigh(logs), x, aim[:, None]) if sweep else u
-    return (u[:, 0] - did).square().mean()
-
-
 misfit_of = partial(misfit, run=blind, length=59)
 d, exact = (way(misfit_of, slip[None]) for way in (central_differences, jacobian))
 claim("slip_gradient", (exact[..., 0] - d[0]).norm() / d.norm(), below=1e-6)
-at = path[0].log().requires_grad_()
-d = central_differences(unlike_by, at.detach())
-exact, swept = [torch.autograd.grad(unlike_by(at, z), at)[0] for z in (False, True)]
+at = path[0].clone().requires_grad_()
+d = central_differences(unlike, path[0])
+exact, swept = [torch.autograd.grad(unlike(at, z), at)[0] for z in (False, True)]
 claim("price_gradient", (exact - d).norm() / d.norm(), below=1e-6)
 claim("price_by_sweep", 100 * (swept - d).norm() / d.norm(), above=0.5, unit="%")
 
@@ -555,46 +547,24 @@ def drive(theta, seed=0, sweep=False, N=12, H=5):
 # %%
 truth, start = torch.tensor([[0.2, r, 0.01, 0.01], [0, 0.03, 0.1, 0.1]])
 truth, start = (torch.cat([z[:1], z[1:].log()]) for z in (truth, start))
+best, losses, zs = descend(lambda z: drive(z)[1].mean(), start, 9)
 
 
-def learn(sweep=False, iterations=9):
-    """What is learned, and the diary of how."""
-    theta, diary = start.clone().requires_grad_(), []
-
-    def stray():
-        x, squares = drive(theta, sweep=sweep)
-        (theta.grad,) = torch.autograd.grad(loss := squares.mean(), theta)
-        diary.append((loss.sqrt().item(), theta.detach().clone(), x.detach()))
-        return loss.detach()
-
-    wolfe = {"line_search_fn": "strong_wolfe"}
-    torch.optim.LBFGS([theta], max_iter=iterations, **wolfe).step(stray)
-    return theta.detach(), diary
-
-
-best, notes = learn()
-
-
-# %% tags=["hide-input"]
 def lesson(k):
     fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.7), width_ratios=[1.6, 1])
-    plotting.infinity_axes(left)
+    plotting.infinity_axes(left, f"slip {zs[k, 0]:.2f}, noise {zs[k, 1].exp():.2f} m")
     plotting.plot_reference(left, infinity.reference(torch.linspace(0, 12.56, 99)))
-    left.plot(*notes[k][2].permute(2, 1, 0)[:2], color=plotting.BLUE, lw=0.7)
-    left.set_title(f"slip {notes[k][1][0]:.2f}, noise {notes[k][1][1].exp():.2f} m")
-    right.semilogy([note[0] for note in notes], ".-", color=plotting.GREY)
-    right.axvline(k, ls="--")
+    left.plot(*drive(zs[k])[0].permute(2, 1, 0)[:2], color=plotting.BLUE, lw=0.7)
+    right.semilogy(losses.sqrt(), ".-k", k, losses[k].sqrt(), "o")
     right.set(xlabel="evaluation", ylabel="root mean square (m)", xticks=[0, 5, 10])
     return fig
 
 
 told, taught = (drive(z, seed=1)[1].mean().sqrt() for z in (truth, best))
-display(widgets.panels(lesson, [0, 2, 3, 6, len(notes) - 1], "evaluation"))
-claim("loop_before", notes[0][0], above=0.25, unit="m")
+display(widgets.panels(lesson, [0, 2, 3, 6, len(losses) - 1], "evaluation"))
+claim("loop_before", losses[0].sqrt(), above=0.25, unit="m")
 claim("loop_taught", taught, below=0.08, unit="m")
 claim("loop_ratio", taught / told, below=1.15)
-claim("loop_slip", best[0], equals=0.2, within=0.05)
-claim("loop_sensor", best[1].exp(), above=0.08, below=0.3, unit="m")
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -621,13 +591,15 @@ exact = torch.autograd.grad(mean_square(leaf), leaf)[0]
 swept = torch.autograd.grad(mean_square(leaf, sweep=True), leaf)[0]
 way = torch.tensor([1.0, 0.5, -0.5, 0.3])  # any way through the four numbers
 d = (mean_square(start + 1e-5 * way) - mean_square(start - 1e-5 * way)) / 2e-5
-_, misled = learn(sweep=True, iterations=4)
+misled = descend(partial(mean_square, sweep=True), start, 4)[1].sqrt()
+claim("loop_slip", best[0], equals=0.2, within=0.05)
+claim("loop_sensor", best[1].exp(), above=0.08, below=0.3, unit="m")
 claim("loop_gradient", (exact @ way / d - 1).abs(), below=1e-5)
 claim("loop_by_sweep", (swept - exact).norm() / exact.norm(), above=0.3)
 claim("loop_slope", exact[0], above=0)
 claim("loop_slope_by_sweep", swept[0], below=0)
-claim("loop_misled", misled[-1][0], above=0.15, unit="m")
-claim("loop_not_misled", notes[len(misled) - 1][0], below=0.13, unit="m")
+claim("loop_misled", misled[-1], above=0.15, unit="m")
+claim("loop_not_misled", losses[len(misled) - 1].sqrt(), below=0.13, unit="m")
 
 # %%
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.5))
@@ -690,18 +662,13 @@ box = {"u_lower": torch.tensor([0.0, -1.5]), "u_upper": torch.tensor([1.2, 1.5])
 with go1.connect("sim", start=(0.0, 0.0, -torch.pi / 2)) as robot:
     walk = infinity.drive(walks, robot=robot, tolerance=0.15, **box)
 
+
 # %%
-log_lag = torch.tensor(0.03).log().requires_grad_()
+def stray_dog(log_lag):
+    return (late(log_lag.exp(), walk.x[0], walk.u) - walk.x).square().mean()
 
 
-def stray_dog():
-    loss = (late(log_lag.exp(), walk.x[0], walk.u) - walk.x).square().mean()
-    (log_lag.grad,) = torch.autograd.grad(loss, log_lag)
-    return loss.detach()
-
-
-torch.optim.LBFGS([log_lag], line_search_fn="strong_wolfe").step(stray_dog)
-lag = log_lag.detach().exp()
+lag = descend(stray_dog, torch.tensor(0.03).log())[0].exp()
 fig, ax = plt.subplots(figsize=(7, 2.5))
 for z, name, style in [(lag, "lag learned", "-"), (lag / 1e3, "no lag", "--")]:
     error = (late(z, walk.x[0], walk.u) - walk.x)[:, :2].norm(dim=-1)

@@ -32,7 +32,6 @@
 # the robot's own packets. <!-- given: 90 minutes -->
 
 # %%
-import collections
 import inspect
 import math
 import struct
@@ -40,55 +39,46 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
+from functools import partial
 
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
-from matplotlib.colors import to_rgb
+from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import go1, infinity
-from pypose_lite.go1 import pilot, protocol, simulation, transport
-from pypose_lite.go1.layout import places
-from pypose_lite.teaching import animate, claim, plotting, widgets
+from pypose_lite.go1 import layout, pilot, protocol, simulation, transport
+from pypose_lite.teaching import animate, claim, plotting, table, widgets
 from pypose_lite.teaching.dog import from_above
 
+# %%
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
 dt, W, START = 0.1, infinity.waypoints(), (0.0, 0.0, -math.pi / 2)  # s; m, m, rad
-low, trot = torch.tensor([0.0, -1.5]), torch.tensor([1.2, 1.5])  # m/s, rad/s
+low, trot = torch.tensor([[0.0, -1.5], [1.2, 1.5]])  # m/s, rad/s
 mpc = infinity.controller()
 mpc.stepper = pp.utils.ReduceToBason(steps=2)  # sweeps a plan
+walks = partial(mpc, u_lower=low, u_upper=trot)  # chapter 3's planner, at a trot
 
 
-# %% tags=["hide-input"]
-def walks(dt, x, target):
-    """Chapter 3's planner, within the limits of a trot."""
-    return mpc(dt, x, target, u_lower=low, u_upper=trot)
-
-
-class Watched:
-    """Passes calls on to a robot, and notes them, and where the robot truly is."""
-
+class Watched:  # a robot whose calls are noted, and where it truly is
     def __init__(self, robot):
         self.robot, self.calls, self.truth = robot, [], []
 
     def __getattr__(self, name):
-        def call(*arguments):
-            self.calls.append(name)
-            if name == "wait":
-                x, y, heading = self.robot.simulator.dog.pose  # since switched on
-                self.truth.append([y, -x, math.sin(heading), -math.cos(heading)])
-            return getattr(self.robot, name)(*arguments)
-
-        return call
+        if name == "wait":
+            x, y, heading = self.robot.simulator.dog.pose  # since switched on
+            self.truth.append([y, -x, math.sin(heading), -math.cos(heading)])
+        self.calls.append(name)
+        return getattr(self.robot, name)
 
 
 # %% tags=["hide-input"]
-def picture(title=""):
+def picture():
     fig, ax = plt.subplots(figsize=(7, 4.2))
-    plotting.plot_waypoints(plotting.infinity_axes(ax, title), W, "targets").set_zorder(1)
+    plotting.plot_waypoints(plotting.infinity_axes(ax), W, "targets").set_zorder(1)
     show = from_above(ax)
     fig.legend(loc="outside lower center", ncols=2)
     plt.close(fig)
@@ -99,8 +89,7 @@ with go1.connect("sim", start=START) as robot:
     dog = Watched(robot)
     lap = infinity.drive(walks, robot=dog, tolerance=0.15)
 fig, show = picture()
-film = animate(lambda k: show(lap.x[: 4 * k + 1]) or fig, lap.steps // 4 + 1, seconds=0.3)
-display(film)
+display(animate(lambda k: show(lap.x[: 4 * k + 1]) or fig, lap.steps // 4 + 1, 0.3))
 near = torch.cdist(W[:, :2], lap.x[:, :2]).amin(1)  # of each target to the way
 claim("visited", (near <= 0.15).sum(), equals=17)
 claim("lap_error", infinity.tracking_error(lap.x).mean(), below=0.05, unit="m")
@@ -132,11 +121,12 @@ def by_hand(tick, speed, turn):
     return fig
 
 
+slider = partial(ipywidgets.FloatSlider, 0.5, step=0.1)
 widgets.live(
     by_hand,
     tick=ipywidgets.Play(max=500, interval=300),
-    speed=ipywidgets.FloatSlider(0.5, min=-1, max=1.2, step=0.1, description="speed (m/s)"),
-    turn=ipywidgets.FloatSlider(0.5, min=-1.5, max=1.5, step=0.1, description="turn (rad/s)"),
+    speed=slider(min=-1, max=1.2, description="speed (m/s)"),
+    turn=slider(min=-1.5, max=1.5, description="turn (rad/s)"),
 )
 
 # %% [markdown]
@@ -184,26 +174,22 @@ claim("stuck_speed", stuck.u[-10:, 0].max(), below=0.02, unit="m/s")
 # arrow is a call followed by another, with the number of times; in each box stands its source line.
 
 # %% tags=["hide-input"]
-calls = [a for a, b in zip(dog.calls, [None, *dog.calls]) if a != b]  # asked twice is once
-arrows = collections.Counter(zip(calls, calls[1:]))
+arrows = Counter(pair for pair in zip(dog.calls, dog.calls[1:]) if pair[0] != pair[1])
 source = inspect.getsource(infinity.drive) + inspect.getsource(infinity.RealRobot)
 boxes = {"pose": (0.42, 2), "move": (0.42, 1), "wait": (0.42, 0), "stop": (0.9, 2)}
-text = {"va": "center", "fontsize": 9}
 fig, ax = plt.subplots(figsize=(7, 2.8))
+frame = {"boxstyle": "round,pad=0.7", "fc": "white", "ec": plotting.BLUE}
 for name, at in boxes.items():
     line = next(x.strip() for x in source.splitlines() if f"robot.{name}(" in x)
-    frame = {"boxstyle": "round,pad=0.7", "fc": "white", "ec": plotting.BLUE}
-    ax.text(*at, line, bbox=frame, family="monospace", ha="center", **text)
+    ax.text(*at, line, bbox=frame, family="monospace", ha="center", va="center")
 for (a, b), count in arrows.items():
     (xa, ya), (xb, yb) = boxes[a], boxes[b]
-    x, y, corners, symbol = (xa + xb) / 2, (ya + yb) / 2, [], ">" if xb > xa else "v"
-    if yb > ya:  # back, left of the other boxes
-        x, corners, symbol = 0.06, [(0.06, ya), (0.06, yb)], "^"
-    ax.plot(*zip((xa, ya), *corners, (xb, yb)), color="black", lw=1, zorder=0)
-    ax.plot(x, y, symbol, color="black", ms=7)
-    ax.text(x + 0.02, y + 0.18 * (xb > xa), f"{count} times" if count > 1 else "once", **text)
-ax.set(xlim=(0, 1), ylim=(-0.4, 2.5))
-ax.axis("off")
+    back, right = yb > ya, xb > xa  # back: left of the other boxes
+    x, y = 0.06 if back else (xa + xb) / 2, (ya + yb) / 2
+    way = [xa, x, x, x, xb], [ya, ya, y, yb, yb]
+    ax.plot(*way, "k-" + "v>^"[right + 2 * back], markevery=[2], lw=1, ms=7, zorder=0)
+    ax.text(x + 0.02, y + 0.18 * right, f"{count} ×", size=9, va="center")
+ax.set(xlim=(0, 1), ylim=(-0.4, 2.5), frame_on=False, xticks=[], yticks=[])
 plt.show()
 claim("turns", arrows["wait", "pose"], equals=lap.steps)
 claim("ways_out", arrows["pose", "stop"], equals=1)
@@ -252,32 +238,25 @@ claim("same_bytes", bytes(packet) == protocol.encode_command(command), equals=Tr
 # {claim}`state_bytes` bytes, most of which are its motors.
 
 # %% tags=["hide-input"]
-GROUPS = {
-    "head, level": ("head level_flag", plotting.BLUE),
-    "mode, gait": ("mode gait_type", plotting.RED),
-    "velocity, turn rate": ("velocity yaw_speed", plotting.ORANGE),
-    "position": ("position", plotting.PURPLE),
-    "heights, attitude": ("foot_raise_height body_height euler imu", plotting.GREEN),
-    "motors, feet": ("motor_state foot_force foot_position2body", plotting.SKY),
-    "checksum": ("checksum", "#999999"),
-}
-light = {tint: [0.45 + 0.55 * v for v in to_rgb(tint)] for _, tint in GROUPS.values()}
-tints = {field: light[tint] for names, tint in GROUPS.values() for field in names.split()}
-fig, panels = plt.subplots(2, 1, figsize=(7, 5), height_ratios=[9, 4])
-for ax, part, width in zip(panels, [protocol.HighCmd, protocol.HighState], [16, 160]):
-    owner = [name for name, at in places(part).items() for _ in range(at.start, at.stop)]
-    squares = [tints.get(name, (0.93,) * 3) for name in [*owner, *["checksum"] * 4]]
-    squares += [(1, 1, 1)] * (-len(squares) % width)  # white: the packet is over
-    image = torch.tensor(squares).view(-1, width, 3)
-    ax.imshow(image, aspect="auto")
-    ax.grid(False)
+GROUPS = ["head, level_flag", "mode, gait_type", "velocity, yaw_speed", "position"]
+GROUPS += ["foot_raise_height, body_height, euler, imu"]
+GROUPS += ["motor_state, foot_force, foot_position2body", "checksum"]
+kinds = (protocol.HighCmd, 129, 16, 225), (protocol.HighState, 1087, 80, 20)
+fig, (top, below) = plt.subplots(2, 1, figsize=(7, 5.2), height_ratios=[9, 5])
+for ax, (kind, size, width, area) in zip((top, below), kinds):  # of a square
+    byte, starts = torch.arange(size), range(0, size, 2 * width)
+    fields = layout.places(kind) | {"checksum": slice(size - 4, size)}
+    ax.scatter(byte % width, byte // width, area, "0.93", marker="s")
+    for names in GROUPS:
+        at = torch.cat([byte[fields.get(n, slice(0))] for n in names.split(", ")])
+        ax.scatter(at % width, at // width, area, marker="s", alpha=0.5, label=names)
     ax.set(xlabel="byte in the row", ylabel="row from byte")
-    ax.set_yticks(range(len(image)), range(0, len(squares), width))
+    ax.set_yticks([start // width for start in starts], starts)
+    ax.invert_yaxis()
+    ax.grid(False)
 for k, byte in enumerate(packet):
-    panels[0].text(k % 16, k // 16, f"{byte:02x}", ha="center", va="center", fontsize=8)
-for name, (_, tint) in GROUPS.items():
-    panels[0].plot([], "s", ms=9, color=light[tint], label=name)
-fig.legend(loc="outside lower center", ncols=4)
+    top.text(k % 16, k // 16, f"{byte:02x}", ha="center", va="center", size=8)
+fig.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 plt.show()
 
 # %% [markdown]
@@ -298,7 +277,7 @@ damaged = [(good ^ 1 << bit).to_bytes(129, "little") for bit in range(8 * 129)]
 got_through = [bit // 8 for bit, data in enumerate(damaged) if taken(data)]
 print("bytes whose damage is not seen:", sorted(set(got_through)))
 claim("state_bytes", protocol.STATE_SIZE, equals=1087)
-motors = places(protocol.HighState)["motor_state"]
+motors = layout.places(protocol.HighState)["motor_state"]
 share = 100 * (motors.stop - motors.start) / protocol.STATE_SIZE
 claim("motor_share", share, above=60, unit="%")
 claim("flips_taken", len(got_through), equals=8)
@@ -319,58 +298,62 @@ claim("only_uncovered", set(got_through) == {124}, equals=True)
 # ## The library's version
 #
 # A robot forgets, and packets get lost, so a command is not sent once but 200 times a second, by a
-# thread of its own. *What* goes out is decided anew each time, by this function:
-# <!-- given: 200 times -->
+# thread of its own. *What* goes out is decided anew each time, by the function printed below. It is
+# a *watchdog*: a clock that runs towards "stop", and that the planner has to wind up in every step.
+# `_patience` is a little less than 0.4 s. The robot may have one, too; ours has, with 0.5 s, but
+# for the real Go1 none is documented. <!-- given: 200 times, 0.4 s, 0.5 s -->
+#
+# To try it, `send` gives a simulated dog a motion in every step, or none.
+
 
 # %%
+def send(motions, setup=None, **options):
+    """How far a dog comes, every 0.1 s; what it refused, its age, what it raised."""
+    way, raised = [], "no"
+    with go1.connect("sim", simulation=setup, **options) as robot:
+        for motion in motions:
+            try:
+                if motion:
+                    robot.move(*motion)
+            except go1.RobotTimeout:
+                raised = "RobotTimeout"
+            robot.wait(dt)
+            way.append(robot.simulator.dog.pose[0])
+        return way, robot.simulator.refused, robot.age, raised
+
+
+gone = [(0.8, 0.0)] * 30 + [None] * 30  # m/s, rad/s; then silence
+deaths = {"the planner hangs": math.inf, "the cable is pulled": 3.0}  # s, to silence
+lasting = go1.Simulation(vanish=3.0, numbers=go1.Numbers(watchdog=math.inf))
 print(inspect.getsource(pilot.Pilot.command))
 
 # %% [markdown]
-# It is a *watchdog*: a clock that runs towards "stop", and that the planner has to wind up in every
-# step. `_patience` is a little less than 0.4 s. The robot may have one, too; ours has, with 0.5 s,
-# but for the real Go1 none is documented. Two ways to go wrong, after 3 s of walking: the planner
-# hangs, while the sender lives; or the cable is pulled. <!-- given: 0.4 s, 0.5 s, 3 s -->
+# Two ways to go wrong, after 3 s of walking: the planner hangs, while the sender lives; or the
+# cable is pulled. <!-- given: 3 s -->
 #
 # **Predict.** Why 0.4 s? With 0.1 s the dog would stop four times as soon. Is that better?
 # <!-- given: 0.4 s, 0.1 s -->
 
-
 # %%
-def after_death(repeats=False, timeout=0.4, **simulated):
-    """How far the dog has come, every 0.1 s, if its planner is gone after 3 s."""
-    numbers, way = go1.Numbers(watchdog=simulated.pop("watchdog", 0.5)), []
-    setup = go1.Simulation(numbers=numbers, **simulated)
-    with go1.connect("sim", command_timeout=timeout, simulation=setup) as robot:
-        for step in range(60):
-            if step < 30 or repeats:
-                robot.move(0.8, 0.0)
-            robot.wait(dt)
-            way.append(robot.simulator.dog.pose[0])
-    return way
+t, loose = dt * torch.arange(1, 61), [send(gone[:30] * 2)[0], send(gone, lasting)[0]]
 
 
-# %%
-loose = after_death(repeats=True), after_death(vanish=3.0, watchdog=math.inf)
-
-
-def deaths(timeout):
-    ways = after_death(timeout=timeout), after_death(vanish=3.0, timeout=timeout)
+def stops(timeout):
     fig, panels = plt.subplots(1, 2, figsize=(7, 2.7), sharey=True)
-    for k, title in enumerate(["the planner hangs", "the cable is pulled"]):
-        panels[k].plot(dt * torch.arange(1, 61), loose[k], "--", label="no watchdog")
-        panels[k].plot(dt * torch.arange(1, 61), ways[k], label="watchdog")
-        panels[k].axvline(3, color=plotting.GREY, ls=":", label="death")
-        panels[k].set(title=title, xlabel="time (s)", ylim=(0, 5))
-    panels[0].set_ylabel("distance walked (m)")
+    for ax, (title, vanish), bare in zip(panels, deaths.items(), loose):
+        way, *_ = send(gone, go1.Simulation(vanish=vanish), command_timeout=timeout)
+        ax.plot(t, bare, "--", label="no watchdog")
+        ax.plot(t, way, label="watchdog")
+        ax.axvline(3, color=plotting.GREY, ls=":", label="death")
+        ax.set(title=title, xlabel="time (s)", ylabel="walked (m)", ylim=(0, 5))
     panels[0].legend()
     return fig
 
 
-display(widgets.panels(deaths, [0.4, 0.2, 0.1, 0.8], "the sender's watchdog (s)"))
-hung = after_death()
+display(widgets.panels(stops, [0.4, 0.2, 0.1, 0.8], "the sender's watchdog (s)"))
+hung, hasty = (send(gone, command_timeout=timeout)[0] for timeout in (0.4, 0.1))
 claim("hung_walks", hung[-1] - hung[29], below=0.45, unit="m")
 claim("loose_walks", loose[0][-1] - loose[0][29], above=2.2, unit="m")
-hasty = after_death(timeout=0.1)
 claim("hasty_share", 100 * hasty[29] / hung[29], below=80, unit="%")
 
 # %% [markdown]
@@ -392,28 +375,26 @@ claim("hasty_share", 100 * hasty[29] / hung[29], below=80, unit="%")
 # a dog that lives here, over real UDP, and is killed with no chance to say goodbye.
 
 # %%
-program = """from pypose_lite import go1
-robot = go1.connect("udp://127.0.0.1:PORT")
-while True:
-    robot.move(0.4, 0.3)
-    robot.wait(0.1)"""
 server = transport.UdpServer("127.0.0.1", 0, protocol.COMMAND_SIZE, silence=2.0)
 witness, heard = simulation.Simulator(server, go1.Simulation()), []
 witness.apply = lambda command: heard.append((time.monotonic(), command.velocity[0]))
-program = [sys.executable, "-c", program.replace("PORT", str(server.port))]
-child, begun, killed = subprocess.Popen(program), time.monotonic(), math.inf
-while time.monotonic() < min(killed + 1, begun + 40):
+program = f"""from pypose_lite import go1
+robot = go1.connect("udp://127.0.0.1:{server.port}")
+while True:
+    robot.move(0.4, 0.3)
+    robot.wait(0.1)"""
+child = subprocess.Popen([sys.executable, "-c", program])
+while child.poll() is None:
     witness.step(0.005)
-    if killed == math.inf and sum(speed > 0 for _, speed in heard) > 100:
+    if sum(speed > 0 for _, speed in heard) > 100:
         child.kill()
-        killed = time.monotonic()
-child.kill()
-child.wait()
+killed = time.monotonic()
+while time.monotonic() < killed + 1:
+    witness.step(0.005)
 server.close()
-zeros = [at - killed for at, speed in heard if at > killed and speed == 0]
-moves = [at - killed for at, speed in heard if at > killed and speed > 0]
-claim("zero_after_kill", min(zeros), below=0.7, unit="s", varies=True)
-claim("no_motion_after", max(moves, default=0) < min(zeros), equals=True)
+zero = min(at for at, speed in heard if at > killed and speed == 0)
+claim("zero_after_kill", zero - killed, below=0.7, unit="s", varies=True)
+claim("no_motion_after", max(at for at, v in heard if v > 0) < zero, equals=True)
 
 # %% [markdown]
 # {claim}`zero_after_kill` after the kill came the first zero, and no motion any more. Who sent it?
@@ -440,19 +421,17 @@ claim("no_motion_after", max(moves, default=0) < min(zeros), equals=True)
 
 
 # %%
-def record(setup, path):
+def record(path, setup=wifi):
     """12 s at speeds that change every second; the log's rows."""
     speeds = torch.rand(12, 2, generator=torch.Generator().manual_seed(0))
-    with go1.connect("sim", simulation=setup, log=path) as robot:
-        for v, turn in speeds.repeat_interleave(10, dim=0).tolist():
-            robot.move(v, 2 * turn - 1)
-            robot.wait(dt)
+    motions = [(v, 2 * w - 1) for v, w in speeds.repeat_interleave(10, 0).tolist()]
+    send(motions, setup, log=path)
     return torch.tensor(go1.read_log(path))
 
 
 folder = tempfile.TemporaryDirectory()
-rows = record(wifi, f"{folder.name}/walk.csv")
-t, seen, told = rows[:, 0], rows[:, [4, 6]], rows[:, [7, 9]]  # s; m/s and rad/s
+log = record(f"{folder.name}/walk.csv")
+t, seen, told = log[:, 0], log[:, [4, 6]], log[:, [7, 9]]  # s; m/s and rad/s
 change = told.diff(dim=0)
 
 
@@ -461,6 +440,7 @@ def follow(lag, delay):
     return told[0] + (1 - (-since / lag).exp()) @ change
 
 
+# %%
 def misfit():
     loss = (follow(*unknown.exp()) - seen).square().mean()
     (unknown.grad,) = torch.autograd.grad(loss, unknown)
@@ -501,67 +481,53 @@ claim("misfit", noise, below=0.012)
 #
 # Put both numbers into the planner. The legs get two states of their own, the speed and the turn
 # rate that they have by now, and chapter 3's MPC takes the longer model as it is. The delay becomes
-# a list: what was sent, and has not shown yet. The plan starts where that will have led.
+# a list of the plans so far, which begins with plans to stand: the first inputs of the latest were
+# sent, and have not shown yet. The next plan starts where those will have led.
 
 
 # %%
 class Legs(pp.NLS):
-    """A car whose speeds v, w follow the input; its state is [i, j, cos, sin, v, w]."""
+    """A car whose speeds follow the input; its state is [i, j, cos, sin, v, w]."""
 
     def state_transition(self, state, input, t=None):
-        v = state[..., 4:]
-        v = v + (1 - torch.exp(-dt / lag)) * (input - v)
+        v = input + torch.exp(-dt / lag) * (state[..., 4:] - input)
         return torch.cat([mpc.system.state_transition(state[..., :4], v), v], dim=-1)
 
-    def observation(self, state, input, t=None):
-        return state
+
+weights = torch.tensor([1, 1, 0.3, 0.3, 0, 0, 0.01, 0.01])
+legs = pp.MPC(Legs(), weights.diag(), None, 10, mpc.stepper)
 
 
-class Knows:
-    """A planner that knows lag and delay."""
-
-    def __init__(self, robot, late):
-        self.robot, self.legs, self.plan = robot, Legs(), None
-        self.on_its_way = [torch.zeros(2)] * late
-        weights = torch.tensor([1, 1, 0.3, 0.3, 0, 0, 0.01, 0.01])
-        self.mpc = pp.MPC(self.legs, weights.diag(), None, 10, mpc.stepper)
-
-    def __call__(self, dt, x, target):
-        state = self.robot.state
-        z = torch.cat([x, torch.tensor([state.velocity[0], state.yaw_speed])])
-        for u in self.on_its_way:
-            z = self.legs.state_transition(z, u)
-        aim = torch.cat([target, torch.zeros(2)])
-        plan = self.mpc(dt, z, aim, self.plan, u_lower=low, u_upper=trot)
-        self.plan = plan[1].roll(-1, 0)
-        self.on_its_way = [*self.on_its_way, plan[1][0]][1:]
-        return plan
+def knows(robot, plans, late, dt, x, target):
+    state = robot.state
+    z = torch.cat([x, torch.tensor([state.velocity[0], state.yaw_speed])])
+    for plan in plans[len(plans) - late :]:  # on its way
+        z = legs.system.state_transition(z, plan[0])
+    plan = legs(dt, z, torch.cat([target, 0 * low]), plans[-1].roll(-1, 0), low, trot)
+    plans.append(plan[1])
+    return plan
 
 
 # %% mystnb={"markdown_format": "myst"}
 tape, late = f"{folder.name}/lap.csv", round(delay.item() / dt)  # a file; steps
 with go1.connect("sim", start=START, simulation=wifi, log=tape) as robot:
-    dog, knowing = Watched(robot), Knows(robot, late)
-    knows = infinity.drive(knowing, robot=dog, tolerance=0.15, steps=160)
+    dog, guide = Watched(robot), partial(knows, robot, [torch.zeros(10, 2)] * 9, late)
+    known = infinity.drive(guide, robot=dog, tolerance=0.15, steps=160)
 true = torch.tensor(dog.truth)
-fig, ax = plt.subplots(figsize=(7, 3.9))
-plotting.infinity_axes(ax).set_ylim(-1.3, 1.7)
+fig, ax = plt.subplots(figsize=(7, 4.2))
+plotting.plot_states(plotting.infinity_axes(ax), known.x, label="observations")
 ax.plot(*W[:, :2].mT, "o", ms=9, mfc="none", color=plotting.RED, label="targets")
-plotting.plot_states(ax, knows.x, label="observations")
 ax.plot(*true[:, :2].mT, color="black", lw=1, label="where the dog was")
-ax.legend(loc="upper center", ncols=3)
+fig.legend(loc="outside lower center", ncols=3)
 plt.show()
-table = "| lap | targets, of 16 | time (s) | mean error (m) | largest (m) |\n"
-table += "|:--|--:|--:|--:|--:|"
-runs = {"no network": lap, "Wi-Fi": stuck, "Wi-Fi, and the planner knows": knows}
-for name, run in runs.items():
-    e, reached = infinity.tracking_error(run.x), run.goal[-1] - 1 + run.finished
-    table += f"\n| {name} | {reached} | {dt * run.steps:.1f} "
-    table += f"| {e.mean():.3f} | {e.max():.3f} |"
-display(Markdown(table))
-near = torch.cdist(W[:, :2], knows.x[:, :2]).amin(1)
+runs, rows = {"no network": lap, "Wi-Fi": stuck, "Wi-Fi, and it knows": known}, []
+for on, run in runs.items():
+    e, n = infinity.tracking_error(run.x), run.goal[-1] - 1 + run.finished
+    rows.append(f"{on} | {n} | {dt * run.steps:.1f} | {e.mean():.3f} | {e.max():.3f}")
+display(table("lap | targets, of 16 | time (s) | mean error (m) | largest (m)", rows))
+near = torch.cdist(W[:, :2], known.x[:, :2]).amin(1)
 claim("knows_visited", (near <= 0.15).sum(), equals=17)
-claim("knows_error", infinity.tracking_error(knows.x).mean(), below=0.03, unit="m")
+claim("knows_error", e.mean(), below=0.03, unit="m")
 claim("knows_true_error", infinity.tracking_error(true).mean(), below=0.06, unit="m")
 
 # %% [markdown]
@@ -590,59 +556,46 @@ claim("knows_true_error", infinity.tracking_error(true).mean(), below=0.06, unit
 class Seen(Watched):
     """Odometry says how it has moved, and now and then a camera where it is."""
 
-    def __init__(self, robot):
-        super().__init__(robot)
-        q, r = torch.tensor([[0.01, 0.01, 0.02, 0.02], [0.05, 0.05, 1, 1]]).square()
-        self.ekf = pp.EKF(pp.DubinsCar(dt), q.diag(), r.diag())
-        self.x, self.P = W[0], 1e-4 * torch.eye(4)
-        self.generator = torch.Generator().manual_seed(0)
+    q, r = torch.tensor([[0.01, 0.01, 0.02, 0.02], [0.05, 0.05, 1, 1]]).square()
+    ekf = pp.EKF(pp.DubinsCar(dt), q.diag(), r.diag())
+    x, P = W[0], 1e-4 * torch.eye(4)
 
     def pose(self):
-        i, j, c, s = self.x.tolist()
-        return i, j, math.atan2(s, c)
+        return *self.x[:2].tolist(), math.atan2(self.x[3], self.x[2])
 
     def wait(self, dt):
-        x0, y0, heading0 = self.robot.pose()
+        before = torch.tensor(self.robot.pose())
         Watched.__getattr__(self, "wait")(dt)
+        moved = torch.tensor(self.robot.pose()) - before
+        u = torch.tensor([moved[:2].norm(), math.remainder(moved[2], math.tau)]) / dt
         y = torch.full((4,), torch.nan)  # not seen
         if len(self.truth) % 5 == 1:
             y[:2] = torch.tensor(self.truth[-1][:2])
-            y[:2] += 0.05 * torch.randn(2, generator=self.generator)
-        x1, y1, heading1 = self.robot.pose()
-        turned = math.remainder(heading1 - heading0, 2 * math.pi)
-        u = torch.tensor([math.hypot(x1 - x0, y1 - y0), turned]) / dt
+            y[:2] += 0.05 * torch.randn(2, generator=camera)
         self.x, self.P = self.ekf(self.x, y, u, self.P)
 
 
 # %%
 drifts = go1.Simulation(numbers=go1.Numbers(scale=1.03, yaw_drift=math.radians(1)))
-laps = {}
-for title, kind in {"odometry alone": Watched, "with camera and EKF": Seen}.items():
+laps, (camera, first) = [], (torch.Generator().manual_seed(seed) for seed in (0, 1))
+options = {"tolerance": 0.15, "process_noise": 0.01, "observation_noise": 0.01}
+for kind, ekf in [(Watched, None), (Seen, None), (Watched, pp.EKF(pp.DubinsCar(dt)))]:
     with go1.connect("sim", start=START, simulation=drifts) as robot:
-        dog = kind(robot)
-        run = infinity.drive(Knows(robot, 0), robot=dog, tolerance=0.15, steps=150)
-        laps[title] = run, torch.tensor(dog.truth)
+        dog, guide = kind(robot), partial(knows, robot, [torch.zeros(10, 2)], 0)
+        run = infinity.drive(guide, None, ekf, dog, **options, generator=first)
+    laps.append((run, torch.tensor(dog.truth)))
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.9), sharey=True)
-for ax, (title, (run, true)) in zip(panels, laps.items()):
+for ax, title, (run, true) in zip(panels, ["odometry alone", "camera and EKF"], laps):
     plotting.plot_waypoints(plotting.infinity_axes(ax, title), W, "targets")
     plotting.plot_states(ax, run.x, label="what the loop believes")
     ax.plot(*true[:, :2].mT, color="black", lw=1, label="where the dog is")
-    ax.label_outer()
 fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 plt.show()
-off = [(run.x[:-1] - true)[:, :2].norm(dim=-1) for run, true in laps.values()]
+off = [(run.estimate - true)[:, :2].norm(dim=-1) for run, true in laps]
 claim("odometry_off", off[0].mean(), above=0.1, unit="m")
 claim("odometry_end", off[0][-1], below=0.06, unit="m")
 claim("camera_off", off[1].mean(), below=0.07, unit="m")
-
-# %%
-run, true = laps["odometry alone"]
-x, P, told, R = run.y[0], 1e-4 * torch.eye(4), [], 1e-4 * torch.eye(4)
-for y, u in zip(run.y, run.u):
-    told.append(x)
-    x, P = pp.EKF(pp.DubinsCar(dt))(x, y, u, P, R, R)
-ekf_off = (torch.stack(told) - true)[:, :2].norm(dim=-1).mean()
-claim("ekf_off", ekf_off / off[0].mean(), above=0.8, below=1.2)
+claim("ekf_off", off[2].mean() / off[0].mean(), above=0.8, below=1.2)
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -670,38 +623,25 @@ claim("ekf_off", ekf_off / off[0].mean(), above=0.8, below=1.2)
 #   discard every command, and answer all the same.
 # - **A frozen robot.** Its program hangs, while something goes on sending its last state.
 
-
 # %% mystnb={"markdown_format": "myst"}
-def trial(level_flag=0xEE, **setup):
-    with go1.connect("sim", level_flag, simulation=go1.Simulation(**setup)) as robot:
-        raised = "no"
-        for _ in range(40):
-            try:
-                robot.move(0.5, 0.0)
-            except go1.RobotTimeout:
-                raised = "RobotTimeout"
-            robot.wait(dt)
-        walked = robot.simulator.dog.pose[0]
-        return robot.simulator.refused, robot.age, walked, raised
-
-
+straight, pro = [(0.5, 0.0)] * 40, go1.Simulation(model="pro")
 trials = {
-    "nothing": trial(),
-    "Pro, flag EE": trial(model="pro"),
-    "Pro, flag 00": trial(0x00, model="pro"),
-    "frozen after 2 s": trial(freeze=2.0),
+    "nothing": send(straight),
+    "Pro, flag EE": send(straight, pro),
+    "Pro, flag 00": send(straight, pro, level_flag=0x00),
+    "frozen after 2 s": send(straight, go1.Simulation(freeze=2.0)),
 }
-table = "| fault | refused | age of the state (s) | walked (m) | raises |\n"
-table += "|:--|--:|--:|--:|:--|"
-for name, (refused, age, walked, raised) in trials.items():
-    table += f"\n| {name} | {refused} | {age:.2f} | {walked:.2f} | {raised} |"
-display(Markdown(table))
-claim("pro_walks", trials["Pro, flag EE"][2], below=0.001, unit="m")
-claim("pro_age", trials["Pro, flag EE"][1], below=0.05, unit="s")
-claim("pro_with_00", trials["Pro, flag 00"][2], above=1.5, unit="m")
-claim("frozen_age", trials["frozen after 2 s"][1], above=1.5, unit="s")
+rows, walked = [], {}
+for name, (way, refused, age, raised) in trials.items():
+    walked[name] = way[-1]
+    rows.append(f"{name} | {refused} | {age:.2f} | {walked[name]:.2f} | {raised}")
+display(table("fault | refused | age of the state (s) | walked (m) | raises", rows))
+claim("pro_walks", walked["Pro, flag EE"], below=0.001, unit="m")
+claim("pro_age", trials["Pro, flag EE"][2], below=0.05, unit="s")
+claim("pro_with_00", walked["Pro, flag 00"], above=1.5, unit="m")
+claim("frozen_age", trials["frozen after 2 s"][2], above=1.5, unit="s")
 claim("frozen_raises", trials["frozen after 2 s"][3] == "RobotTimeout", equals=True)
-claim("frozen_walks", trials["frozen after 2 s"][2], below=1.4, unit="m")
+claim("frozen_walks", walked["frozen after 2 s"], below=1.4, unit="m")
 
 # %% [markdown]
 # Whoever measures age by the last *packet* finds both healthy. The library measures it by the last
@@ -725,10 +665,10 @@ with go1.connect(f"replay:{tape}", start=START) as robot:
         again.append(robot.pose())
 nearest = torch.cdist(torch.tensor(again)[:, :2], recorded[:, 1:3]).amin(1)
 claim("replay_error", nearest.max(), below=1e-5, unit="m")
-repeated = record(wifi, f"{folder.name}/again.csv")
-claim("repeats", torch.equal(repeated, rows), equals=True)
-other = record(go1.Simulation(seed=1, faults=wifi.faults), f"{folder.name}/other.csv")
-claim("another_seed_differs", torch.equal(other, rows), equals=False)
+repeated = record(f"{folder.name}/again.csv")
+claim("repeats", torch.equal(repeated, log), equals=True)
+other = record(f"{folder.name}/other.csv", go1.Simulation(seed=1, faults=wifi.faults))
+claim("another_seed_differs", torch.equal(other, log), equals=False)
 folder.cleanup()
 
 # %% [markdown]

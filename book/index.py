@@ -50,7 +50,7 @@ plt.close(fig)
 
 
 def draw(k: int):
-    """The figure after 2k steps: the car's way so far, and an arrow where it is now."""
+    """The figure after 2k steps: the car's way so far, an arrow where it is."""
     way = run.x[: 2 * k + 1]
     line.set_data(*way[:, :2].mT)
     car.set_offsets(way[-1:, :2])

@@ -1,6 +1,7 @@
 """What a chapter is held to beside that its cells run: figures have claims, prose no measurements.
 
-Each rule reads a notebook (nbformat), outputs included, and yields its complaints.
+Its code has to fit, too: a cell on a screen, a line on the page, a chapter in 90 minutes. Each rule
+reads a notebook (nbformat), outputs included, and yields its complaints.
 """
 
 import re
@@ -28,11 +29,22 @@ UNITS = (
 MEASURED = re.compile(rf"(?<![\w.])(?:\d+\.\d+(?:e-?\d+)?(?!\.?\d)(?:{UNITS})?|\d+{UNITS})")
 REFERENCE = re.compile(r"(?<!`)\{claim\}`([\w.]+)`")  # `name`, or `03_mpc.name` in another chapter
 FIGURE = re.compile(r"image/|video/|application/vnd\.jupyter\.widget-view")
+CHAPTER = re.compile(r"\d\d_")  # so begins the name of a chapter's file: 03_mpc.py
+FEWEST_CELLS, MOST_CELLS = 14, 20  # of code, in a chapter
+LINES, COLUMNS = 20, 86  # of a code cell: more lines need two looks, more columns a scrollbar
 
 
-def complaints(notebook: Any) -> list[str]:
-    """Returns what is wrong with an executed chapter, by all the rules."""
-    rules = measured_numbers, figures_without_claim, claims_twice, claims_unmade
+def complaints(notebook: Any, name: str = "") -> list[str]:
+    """Returns what is wrong with an executed notebook, by all the rules.
+
+    Args:
+        notebook: with its outputs.
+        name: of its file. The number of cells counts in chapters only, which begin with a number.
+    """
+    rules = [measured_numbers, figures_without_claim, claims_twice, claims_unmade]
+    rules += [long_cells, wide_lines]
+    if CHAPTER.match(name):
+        rules.append(number_of_cells)
     return [complaint for rule in rules for complaint in rule(notebook)]
 
 
@@ -85,6 +97,52 @@ def claims_unmade(notebook: Any) -> Iterator[str]:
             for name in REFERENCE.findall(cell.source):
                 if "." not in name and name not in made:
                     yield f"text refers to {{claim}}`{name}`, which no cell claims"
+
+
+def long_cells(notebook: Any) -> Iterator[str]:
+    """Yields each code cell of more than 20 lines, blank ones within it included.
+
+    Folded cells count (``hide-input``: readers unfold them), and so do those that only JupyterLab
+    shows (``remove-cell``): whatever a reader may open has to fit on a screen.
+    """
+    for cell in _code(notebook):
+        if (lines := len(cell.source.strip().splitlines())) > LINES:
+            yield (
+                f"a code cell has {lines} lines, more than {LINES}: say it in fewer, or make two "
+                f"cells of the one that begins {_first_line(cell)!r}"
+            )
+
+
+def wide_lines(notebook: Any) -> Iterator[str]:
+    """Yields each line of code that needs a scrollbar on the page: of more than 86 columns."""
+    for cell in _code(notebook):
+        for line in map(str.rstrip, cell.source.splitlines()):
+            if len(line) > COLUMNS:
+                yield (
+                    f"a line of code has {len(line)} columns, more than {COLUMNS}: break it, or "
+                    f"give a part of it a name: {line.strip()!r}"
+                )
+
+
+def number_of_cells(notebook: Any) -> Iterator[str]:
+    """Yields how many code cells the chapter has, if not 14 to 20.
+
+    Those that only JupyterLab shows (``remove-cell``) are not counted: they play with what the
+    cell before them has shown. Folded ones are.
+    """
+    cells = sum("remove-cell" not in cell.metadata.get("tags", []) for cell in _code(notebook))
+    if not FEWEST_CELLS <= cells <= MOST_CELLS:
+        mend = "join some, or leave some out" if cells > MOST_CELLS else "show more of the steps"
+        yield f"a chapter has {FEWEST_CELLS} to {MOST_CELLS} code cells, this one {cells}: {mend}"
+
+
+def _code(notebook: Any) -> list[Any]:
+    """The code cells that have something in them."""
+    return [cell for cell in notebook.cells if cell.cell_type == "code" and cell.source.strip()]
+
+
+def _first_line(cell: Any) -> str:
+    return cell.source.strip().splitlines()[0][:60]
 
 
 def _heading(cell: Any) -> str:

@@ -24,7 +24,7 @@ def chapter(tmp_path):
     """Writes a chapter of these cells and returns its path."""
 
     def write(*cells):
-        path = tmp_path / "05_x.py"
+        path = tmp_path / "x.py"
         path.write_text(HEADER + "".join(cells))
         return path
 
@@ -32,9 +32,9 @@ def chapter(tmp_path):
 
 
 def test_a_chapter_that_holds_becomes_a_notebook_with_outputs(chapter, tmp_path):
-    line = execute.execute(chapter(CLAIM.format(0.25)), tmp_path / "out" / "05_x.ipynb")
-    notebook = nbformat.read(tmp_path / "out" / "05_x.ipynb", as_version=4)
-    assert line.startswith("05_x: 1 claims hold (")
+    line = execute.execute(chapter(CLAIM.format(0.25)), tmp_path / "out" / "x.ipynb")
+    notebook = nbformat.read(tmp_path / "out" / "x.ipynb", as_version=4)
+    assert line.startswith("x: 1 claims hold (")
     assert "claim" in notebook.cells[0].outputs[0].metadata
 
 
@@ -56,7 +56,7 @@ def test_a_chapter_that_does_not_hold_ends_the_build_without_a_traceback(chapter
     command = [sys.executable, execute.__file__, chapter(PROSE), tmp_path / "out.ipynb"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 1
-    assert "05_x.py: does not pass its proofreading:\n  prose states '0.21 m'" in done.stderr
+    assert "x.py: does not pass its proofreading:\n  prose states '0.21 m'" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -137,8 +137,8 @@ def test_durations_have_to_be_claimed_in_both_runs():
 
 
 def test_what_pytest_records_is_what_the_build_gathers(run_book, tmp_path):
-    root, _ = run_book({"05_x.py": CLAIM.format(0.25)})
-    execute.execute(root / "book" / "05_x.py", tmp_path / "05_x.ipynb")
+    root, _ = run_book({"x.py": CLAIM.format(0.25)})
+    execute.execute(root / "book" / "x.py", tmp_path / "x.ipynb")
     assert scoreboard.recorded(root / "build" / "claims") == scoreboard.gather(tmp_path) != {}
 
 

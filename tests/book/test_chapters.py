@@ -14,11 +14,11 @@ TOC = yaml.safe_load((ROOT / "_toc.yml").read_text())
 LISTED = {TOC["root"], *(c["file"] for part in TOC["parts"] for c in part["chapters"])}
 
 BOOK = {
-    "01_good.py": FIGURE + CLAIM.format(0.5),
-    "02_claim.py": CLAIM.format(1.5),
-    "03_error.py": ERROR,
-    "04_prose.py": PROSE,
-    "05_figure.py": FIGURE,
+    "good.py": FIGURE + CLAIM.format(0.5),
+    "claim.py": CLAIM.format(1.5),
+    "error.py": ERROR,
+    "prose.py": PROSE,
+    "figure.py": FIGURE,
 }
 
 
@@ -31,10 +31,10 @@ def report(run_book):
 @pytest.mark.parametrize(
     "line",
     [
-        "FAILED book/02_claim.py::Cell 0",
-        "FAILED book/03_error.py::Cell 0",
-        "FAILED book/04_prose.py::proofreading - prose states '0.21 m'",
-        "FAILED book/05_figure.py::proofreading - section 'Look' shows a figure",
+        "FAILED book/claim.py::Cell 0",
+        "FAILED book/error.py::Cell 0",
+        "FAILED book/prose.py::proofreading - prose states '0.21 m'",
+        "FAILED book/figure.py::proofreading - section 'Look' shows a figure",
         "claim does not hold: a = 1.5 m; claimed: below 1 m",
         "ZeroDivisionError",
     ],
@@ -44,7 +44,7 @@ def test_pytest_names_each_fault_of_a_chapter(report, line):
 
 
 def test_pytest_finds_no_fault_in_a_good_chapter(report):
-    assert "01_good.py" not in report
+    assert "good.py" not in report
     assert "4 failed" in report.splitlines()[-1]
 
 

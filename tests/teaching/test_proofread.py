@@ -8,7 +8,10 @@ from pypose_lite.teaching.proofread import (
     claims_unmade,
     complaints,
     figures_without_claim,
+    long_cells,
     measured_numbers,
+    number_of_cells,
+    wide_lines,
 )
 
 new = nbformat.v4
@@ -145,6 +148,62 @@ def test_text_refers_to_claims_that_are_made():
     assert list(claims_unmade(text)) == ["text refers to {claim}`b`, which no cell claims"]
 
 
+def program(*sources, tags=()):
+    """A notebook of code cells."""
+    cells = [new.new_code_cell(source, metadata={"tags": list(tags)}) for source in sources]
+    return new.new_notebook(cells=cells)
+
+
+@pytest.mark.parametrize("tags", [[], ["hide-input"], ["remove-cell"]])
+def test_a_code_cell_of_more_than_20_lines_is_found(tags):
+    [complaint] = long_cells(program("i = 1\n" * 20, "j = 2\n\n" + "k = 3\n" * 19, tags=tags))
+    assert complaint.startswith("a code cell has 21 lines, more than 20: ")
+    assert complaint.endswith("begins 'j = 2'")
+
+
+def test_a_code_cell_may_have_20_lines_and_a_text_cell_more():
+    text = program("i = 1\n" * 20, "\n\n" + "i = 1\n" * 20 + " \n\n")
+    assert list(long_cells(text)) == []
+    assert list(long_cells(notebook("a line\n" * 30))) == []
+
+
+@pytest.mark.parametrize("line", ["x = " + 83 * "1", "# " + 85 * "y", 4 * " " + 83 * "z"])
+def test_a_line_of_code_of_more_than_86_columns_is_found(line):
+    [complaint] = wide_lines(program(f"i = 1\n{line}\nj = 2"))
+    assert complaint.startswith("a line of code has 87 columns, more than 86: ")
+    assert complaint.endswith(repr(line.strip()))
+
+
+def test_a_line_of_code_may_have_86_columns_and_a_line_of_text_more():
+    assert list(wide_lines(program("x = " + 82 * "1", "x = " + 82 * "1" + "  "))) == []
+    assert list(wide_lines(notebook("word " * 40))) == []
+
+
+@pytest.mark.parametrize(
+    ("cells", "mend"), [(13, "show more of the steps"), (21, "join some, or leave some out")]
+)
+def test_a_chapter_with_too_few_or_too_many_code_cells_is_found(cells, mend):
+    text = program(*["i = 1"] * cells)
+    expected = f"a chapter has 14 to 20 code cells, this one {cells}: {mend}"
+    assert complaints(text, "03_mpc.py") == list(number_of_cells(text)) == [expected]
+
+
+@pytest.mark.parametrize("cells", [14, 20])
+def test_a_chapter_may_have_14_to_20_code_cells(cells):
+    text = program(*["i = 1"] * (cells - 1), "", " \n")
+    text.cells += program("i = 1", tags=["hide-input"]).cells
+    text.cells += program("live", "live", tags=["remove-cell"]).cells
+    text.cells.insert(0, new.new_markdown_cell("# One"))
+    assert complaints(text, "03_mpc.py") == []
+
+
+@pytest.mark.parametrize("name", [None, "index.py", "a_tutorial.py", "3d.py"])
+def test_a_notebook_that_is_no_chapter_has_as_many_cells_as_it_likes(name):
+    assert complaints(program("i = 1"), *filter(None, [name])) == []
+
+
 def test_all_rules_are_applied():
     text = notebook("# 0.21 m {claim}`b`", [PICTURE], "# Two", [claimed("a"), claimed("a")])
-    assert len(complaints(text)) == 4
+    text.cells.append(new.new_code_cell("i = 1\n" * 20 + 87 * "j"))
+    assert len(complaints(text)) == 6
+    assert len(complaints(text, "03_mpc.py")) == 7

@@ -1,11 +1,14 @@
-"""Splines through the 17 waypoints, and through 64 noisy copies, beside PyPose's and SciPy's."""
+"""Splines through the 17 waypoints, and through 64 noisy copies, beside PyPose's and SciPy's.
+
+All sides give the same samples, 20 for each segment. Poses are compared with PyPose alone, since
+SciPy has no such curve, and points on a B-spline with SciPy alone, since PyPose's takes only poses.
+"""
 
 import numpy as np
 import pytest
 import scipy.interpolate
 import torch
 
-import pypose_lite
 from pypose_lite import infinity
 
 SAMPLES = 20  # a segment
@@ -37,41 +40,37 @@ def scipy_bspline(points, interval):
     return torch.from_numpy(scipy.interpolate.BSpline(knots, p, 3)(t)).movedim(0, 1)
 
 
-def pypose(name):
-    return lambda points, interval: getattr(pytest.importorskip("pypose"), name)(points, interval)
-
-
-SIDES = {
-    "chspline": {
-        "ours": pypose_lite.chspline,
-        "PyPose": pypose("chspline"),
-        "SciPy": scipy_hermite,
-    },
-    "bspline": {"ours": pypose_lite.bspline, "PyPose": None, "SciPy": scipy_bspline},
-    "bspline of poses": {"ours": pypose_lite.bspline, "PyPose": pypose("bspline")},
-}
-
-
-@pytest.mark.parametrize("count", [1, 64])
-@pytest.mark.parametrize(
-    "kind, side", [(kind, side) for kind, sides in SIDES.items() for side in sides if sides[side]]
-)
-def test_spline(benchmark, kind, side, count):
-    benchmark.group = f"{kind}, {count} curve{'s' if count > 1 else ''} through 17 points"
-    benchmark.extra_info["side"] = side
-    points = waypoints(count)
-    if kind == "bspline of poses":
-        points = poses(points, side)
-    sampled = benchmark(SIDES[kind][side], points, 1 / SAMPLES)
-    if kind != "bspline of poses":
-        expected = SIDES[kind]["ours"](points, 1 / SAMPLES)
-        torch.testing.assert_close(sampled, expected, atol=1e-9, rtol=0)
-
-
-def poses(points, side):
+def poses(module, points):
     """The waypoints on the ground, turned by small angles."""
     half = 0.1 * points[..., :1]
     rest = torch.zeros_like(points)
-    data = torch.cat([points, rest[..., :1], rest, half.sin(), half.cos()], dim=-1)
-    module = pypose_lite if side == "ours" else pytest.importorskip("pypose")
-    return module.SE3(data)
+    return module.SE3(torch.cat([points, rest[..., :1], rest, half.sin(), half.cos()], dim=-1))
+
+
+SCIPY = {"chspline": scipy_hermite, "bspline": scipy_bspline}
+SIDES = {
+    "chspline": ["ours", "PyPose", "SciPy"],
+    "bspline": ["ours", "SciPy"],
+    "bspline of poses": ["ours", "PyPose"],
+}
+
+
+def spline(kind, side, points):
+    """A side's function, and what it takes."""
+    if side == "SciPy":
+        return SCIPY[kind], points
+    module = pytest.importorskip("pypose_lite" if side == "ours" else "pypose")
+    return getattr(module, kind.split()[0]), poses(module, points) if "poses" in kind else points
+
+
+@pytest.mark.parametrize("count", [1, 64])
+@pytest.mark.parametrize("kind, side", [(kind, side) for kind in SIDES for side in SIDES[kind]])
+def test_spline(benchmark, kind, side, count):
+    benchmark.group = f"{kind}, {count} curve{'s' if count > 1 else ''} through 17 points"
+    benchmark.extra_info["side"] = side
+    sample, data = spline(kind, side, waypoints(count))
+    ours, same = spline(kind, "ours", waypoints(count))
+    sampled, expected = benchmark(sample, data, 1 / SAMPLES), ours(same, 1 / SAMPLES)
+    if "poses" in kind:
+        sampled, expected = sampled.matrix(), expected.matrix()
+    torch.testing.assert_close(sampled, expected, atol=1e-9, rtol=0)

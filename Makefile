@@ -70,6 +70,7 @@ lab: .venv/.installed
 	JUPYTER_CONFIG_DIR=build/lab jupyter lab --ip=127.0.0.1 --LabApp.news_url=None book
 
 bench: .venv/.installed-bench
+	@mkdir -p build
 	pytest $(wildcard tests/bench/bench_*.py) -q --benchmark-group-by=group \
 		--benchmark-columns=min,median,rounds --benchmark-sort=fullname \
 		--benchmark-json=build/bench.json

@@ -1,41 +1,69 @@
 """Writes the page of benchmarks: ``python book/site/benchmarks.py build/bench.json PAGE``.
 
-The first is what pytest-benchmark has recorded. A time is that of the least disturbed round; a side
-that did only a share of a group's work says so, and its time is that of the whole. Ratios are to
-"ours" of the same group, or to the first row where nobody is called that.
+The first is what pytest-benchmark has recorded. What a benchmark notes in ``extra_info``:
+
+- ``side``: the name of its row;
+- ``share``: how much of the group's work it did, where it is not all;
+- ``count``: how many plans or cars the work was for;
+- ``worse``: by how much its answer costs above the best, relatively.
 """
 
+import ast
 import json
 import platform
 import sys
 from collections.abc import Iterator
-from itertools import groupby
+from importlib.metadata import version
 from pathlib import Path
 
-import torch
 from tabulate import tabulate
 
+ROOT = Path(__file__).parents[2]
+TOPICS = {"bench_mpc": "Planning", "bench_filters": "Filters", "bench_splines": "Splines"}
+LIBRARIES = ["torch", "pypose", "casadi", "filterpy", "scipy"]
+SAME = 1e-4  # answers whose costs differ by less are the same
 PAGE = """# Speed
 
-What `make bench` has measured on one machine: {cpu}, one thread, Python {python}, PyTorch {torch},
-on {date}. All sides of a table solve the same problem in the same run, one after another; where a
-side stops at a worse answer the run fails, and no row is written.
+What `make bench` measured on {date}, on one machine: {cpu}, one thread, Python {python},
+{libraries}. All sides of a table solve the same problem in
+the same run, and a time is that of the least disturbed round.
 
-A time is that of the least disturbed round. The ratio is how many times longer than *ours*, or than
-the first row, a side takes.
+*Times ours* is how many times longer than ours a side takes: 8 means that ours is done in an eighth
+of its time, and less than 1 that ours is the slower one. Where a side stops at a worse answer,
+*cost above the best* says by how much; *none* is less than a ten-thousandth.
 
-{tables}
+{topics}
 """
 
 
-def tables(benchmarks: list[dict]) -> Iterator[str]:
-    """A section for each group."""
-    for group, rows in groupby(benchmarks, lambda b: b["group"]):
-        sides = {b["extra_info"]["side"]: seconds(b) for b in rows}
-        one = sides.get("ours", next(iter(sides.values())))
-        lines = [(side, duration(s), f"{s / one:.2f}") for side, s in sides.items()]
-        table = tabulate(lines, ["", "time", "ratio"], "pipe", colalign=("left", "right", "right"))
-        yield f"## {group[0].upper()}{group[1:]}\n\n{table}"
+def topics(benchmarks: list[dict]) -> Iterator[str]:
+    """A section for each file: what its docstring says, and a table for each of its groups."""
+    for stem, title in TOPICS.items():
+        path, groups = f"tests/bench/{stem}.py", dict[str, list]()
+        for benchmark in benchmarks:
+            if benchmark["fullname"].startswith(path):
+                groups.setdefault(benchmark["group"], []).append(benchmark)
+        if groups:
+            yield f"## {title}\n\n{ast.get_docstring(ast.parse((ROOT / path).read_text()))}"
+        for group, rows in groups.items():
+            yield f"### {group}\n\n{table(rows)}"
+
+
+def table(benchmarks: list[dict]) -> str:
+    """A row for each side of a group; a column only where there is something to say."""
+    times = {b["extra_info"]["side"]: seconds(b) for b in benchmarks}
+    one = "ours" if "ours" in times else next(iter(times))
+    rows = []
+    for benchmark, (side, time) in zip(benchmarks, times.items()):
+        notes, row = benchmark["extra_info"], {"": side, "time": duration(time)}
+        if "count" in notes:
+            row["time each"] = duration(time / notes["count"])
+        row[f"times {one}"] = f"{time / times[one]:.2f}"
+        if "worse" in notes:
+            row["cost above the best"] = excess(notes["worse"])
+        rows.append(row)
+    align = ["left", *["right"] * (len(rows[0]) - 1)]
+    return tabulate(rows, "keys", "pipe", colalign=align, disable_numparse=True)
 
 
 def seconds(benchmark: dict) -> float:
@@ -51,17 +79,19 @@ def duration(seconds: float) -> str:
     return f"{seconds / 1e-6:.3g} µs"
 
 
+def excess(worse: float) -> str:
+    """A relative excess in percent, with two digits."""
+    return "none" if worse < SAME else f"+{100 * worse:.2g} %"
+
+
 if __name__ == "__main__":
     record, page = json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])
-    measured = sorted(
-        (b for b in record["benchmarks"] if "side" in b["extra_info"]), key=lambda b: b["group"]
-    )
     text = PAGE.format(
         cpu=record["machine_info"]["cpu"].get("brand_raw", platform.processor()),
         python=platform.python_version(),
-        torch=torch.__version__,
+        libraries=", ".join(f"{name} {version(name)}" for name in LIBRARIES),
         date=record["datetime"][:10],
-        tables="\n\n".join(tables(measured)),
+        topics="\n\n".join(topics(record["benchmarks"])),
     )
     page.write_text(text)
     print(text)

@@ -97,8 +97,10 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
     _, A, B, q, Q = model(problem, X, U)
-    on_u = (torch.arange(q.shape[-1], device=q.device) < U.shape[-1]).to(q.dtype)
-    Q, G = Q + torch.diag_embed(damping[..., None] * on_u), homogeneous_dynamics(A, B)
+    G = homogeneous_dynamics(A, B)
+    if not every(damping == 0):
+        on_u = (torch.arange(q.shape[-1], device=q.device) < U.shape[-1]).to(q.dtype)
+        Q = Q + torch.diag_embed(damping[..., None] * on_u)
     newton = Q
     if exact is not None:
         newton = Q + torch.where(exact[..., None, None], curvature(problem, X, U, A, q), 0)
@@ -147,7 +149,7 @@ def _where(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Te
 
 def _or_infinite(cost: Tensor) -> Tensor:
     """Returns a cost that no plan can prefer where it is not finite."""
-    return torch.where(torch.isfinite(cost), cost, torch.inf)
+    return cost.nan_to_num(torch.inf, torch.inf, torch.inf)
 
 
 class Iterate(NamedTuple):
@@ -190,7 +192,7 @@ def improve(problem: Problem, at: Iterate, newton: bool) -> Iterate:
     K = torch.where(failed[..., None, None], 0, K)
     X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain)
     helped = helped & ~failed
-    kept = torch.where(helped, (at.cost - cost) / (-gain).clamp(min=eps**2), 0)
+    kept = (at.cost - cost) / (-gain).clamp(min=eps**2)
     size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
     at_rest = (size <= eps**0.5) | (~helped & (-gain <= 8 * eps * at.cost.abs()))
     unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))

@@ -39,8 +39,8 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
     The cost-to-go is ``1/2 [x, 1]' V [x, 1]`` and the best input is ``u = K [x, 1]``:
 
         H = M + G' V G                             (1)
-        W = L^-1 H_u[x,1],   H_uu = L L'           (2)
-        K = - L'^-1 W                              (3)
+        W = - L^-1 H_u[x,1],   H_uu = L L'         (2)
+        K = L'^-1 W                                (3)
         V = H_[x,1][x,1] - W' W                    (4)
 
     With a box, inputs that it clamps keep their bound and get no feedback (3'), and V is what

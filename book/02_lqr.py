@@ -243,9 +243,10 @@ claim("same_cost_to_go", (V1[:2, :2] - V).abs().max(), below=1e-12)
 # %% [markdown]
 # $H$ is now the curvature in $[u, x, 1]$ together; its corner $H_{uu}$ is ours. Cholesky writes it
 # as $L L^\top$, and half of the solve, $W = -L^{-1} H_{u[x,1]}$, serves twice: (3) goes the other
-# half to the gain, and (4) takes off what the best input saves, $\tfrac12 \lVert W [x, 1] \rVert^2$.
-# That is {eq}`eq-2-riccati` again, but $W^\top W$ stays symmetric under rounding. The lines for a
-# `box` are chapter 3's: they price any $K$, also one that was cut at a bound.
+# half to the gain, and (4) takes off what the best input saves,
+# $\tfrac12 \lVert W [x, 1] \rVert^2$. That is {eq}`eq-2-riccati` again, but $W^\top W$ stays
+# symmetric under rounding. The lines for a `box` are chapter 3's: they price any $K$, also one that
+# was cut at a bound.
 #
 # `pp.LQR` is this step in a loop, with PyPose's signature: one $Q$ for $z = [x, u]$, in this order,
 # and a linear term `p`.

@@ -65,7 +65,7 @@ def _compiled_scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], revers
         carry, ys = body(carry, step)
         return _own(carry), tuple(_own(y) for y in ys)
 
-    return torch_scan(cloned, _own(carry), xs, reverse=reverse)
+    return torch_scan(cloned, _own(carry), tuple(_own(x) for x in xs), reverse=reverse)
 
 
 def _own(x: Tensor) -> Tensor:

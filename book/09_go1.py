@@ -380,7 +380,7 @@ witness, heard = simulation.Simulator(server, go1.Simulation()), []
 witness.apply = lambda command: heard.append((time.monotonic(), command.velocity[0]))
 program = f"""from pypose_lite import go1
 robot = go1.connect("udp://127.0.0.1:{server.port}")
-while True:
+for _ in range(400):
     robot.move(0.4, 0.3)
     robot.wait(0.1)"""
 child = subprocess.Popen([sys.executable, "-c", program])

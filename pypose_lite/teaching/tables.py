@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from IPython.display import Markdown
+from tabulate import tabulate
 
 
 def table(head: str, rows: Iterable[str]) -> Markdown:
@@ -15,9 +16,10 @@ def table(head: str, rows: Iterable[str]) -> Markdown:
     Raises:
         ValueError: a row has more cells than the head, or fewer.
     """
-    bars, rows = head.count("|"), list(rows)
-    for row in rows:
-        if row.count("|") != bars:
-            raise ValueError(f"rows: expected {bars + 1} cells, as in {head!r}, got {row!r}")
-    rule = " | ".join([":--"] + ["--:"] * bars)
-    return Markdown("\n".join(f"| {line} |" for line in [head, rule, *rows]))
+    columns, *cells = [[cell.strip() for cell in line.split("|")] for line in (head, *rows)]
+    for row in cells:
+        if len(row) != len(columns):
+            line = " | ".join(row)
+            raise ValueError(f"rows: expected {len(columns)} cells, as in {head!r}, got {line!r}")
+    sides = ["left"] + ["right"] * (len(columns) - 1)
+    return Markdown(tabulate(cells, columns, "pipe", disable_numparse=True, colalign=sides))

@@ -5,10 +5,19 @@ left for Python is one call a sweep. The compiled sweep takes the straight road:
 one Riccati run. Where that leads nowhere, the sweep in Python goes on.
 """
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
 from .ilqr import Iterate, Problem, advance, improve
+
+OPTIONS: dict[str, Any] = {
+    "size_asserts": False,
+    "alignment_asserts": False,
+    "realize_reads_threshold": 0,  # what is needed twice, such as a sine, is computed once
+    "force_pointwise_cat": True,  # and what is put together is so in one pass
+}
 
 
 class CompiledSweep:
@@ -19,9 +28,7 @@ class CompiledSweep:
     """
 
     def __init__(self, **options):
-        kept = {"size_asserts": False, "alignment_asserts": False}
-        kept |= {"realize_reads_threshold": 0, "force_pointwise_cat": True}  # no sine twice
-        self.compiled = torch.compile(improve, fullgraph=True, options=kept | options)
+        self.compiled = torch.compile(improve, fullgraph=True, options=OPTIONS | options)
         self.trusted: set[tuple] = set()
 
     def __call__(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:

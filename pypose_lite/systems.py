@@ -168,7 +168,7 @@ class System(nn.Module):
         vmap maps a function of one sample over the batch. What vmap cannot map (a branch on a
         state, ``torch.tensor([[t]])``) is looped over, so that the user's own errors arrive.
         """
-        t = self._buffers["_t"] if t is None else torch.as_tensor(t)
+        t = self._t if t is None else torch.as_tensor(t)
         args = self._arguments[function.__name__]
 
         def one(x, u, t):

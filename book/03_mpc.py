@@ -259,6 +259,10 @@ claim("sweeps_of_library", (theirs > 1e-10).sum(), below=9)
 # a sweep promised too much, it raises the price of changes for the next one (`damping`).
 #
 # </details>
+#
+# Most of a sweep's time is Python's. Who plans more than a lap may call `mpc.compile()` first: it
+# spends about a minute on the first plan, and the others come several times faster
+# ([Speed](benchmarks.md)).
 
 # %% [markdown]
 # ## On the infinity

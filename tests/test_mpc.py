@@ -129,6 +129,20 @@ def test_a_shorter_step_shortens_the_change_and_not_the_feedback(g):
             close(Xs[t + 1, i], problem.system.transition(Xs[t, i], Us[t, i], 1 + t))
 
 
+def test_steps_to_where_the_system_is_not_defined_do_not_hide_a_shorter_one():
+    class Logarithm(pp.NLS):
+        def state_transition(self, state, input):
+            return state + torch.log(1 + input)
+
+        def observation(self, state, input):
+            return state
+
+    Q, x, target = torch.diag(torch.tensor([1, 0.01])), torch.zeros(1), torch.tensor([-3.0])
+    plan = pp.MPC(Logarithm(), Q, None, 2).solve(None, x, target)  # u = -3 does not exist
+    assert plan.converged and (plan.u > -1).all()
+    assert plan.history[1] < plan.history[0]  # by a fifth of the step; the half is not finite
+
+
 def test_a_target_out_of_reach_is_approached_and_the_plan_converges():
     target = torch.tensor([1e3, 0, 1, 0])
     plan = pp.infinity.controller().solve(0.1, pp.infinity.waypoints()[0], target)

@@ -28,7 +28,8 @@ book: site
 test: lint site
 	pytest book $(wildcard solutions) -q -n 2 --dist loadfile
 	python book/site/scoreboard.py build/executed build/claims
-	pytest tests -q -n 2 --dist loadfile
+	pytest tests -q -n 2 --dist loadfile -m "not wall_clock"
+	pytest tests/go1 -q -m wall_clock
 
 lint: .venv/.installed
 	ruff check

@@ -39,7 +39,7 @@ def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solu
         low = torch.zeros_like(U) if problem.lower is None else (U <= problem.lower) & (push > 0)
         high = torch.zeros_like(U) if problem.upper is None else (U >= problem.upper) & (push < 0)
         clamped = low.bool() | high.bool()
-        small = torch.finfo(U.dtype).eps ** 0.5 * (now.abs() + later.abs())
+        small = torch.finfo(U.dtype).eps ** 0.5 * (now.abs() + later.abs()).amax(0)
         _warn(~solution.converged & ((push.abs() > small) & ~clamped).any(0).any(-1))
     with torch.enable_grad():
         U = U.detach().requires_grad_()

@@ -222,6 +222,19 @@ def test_a_plan_that_has_not_converged_says_that_its_gradient_is_not_exact():
         mpc(0.1, w[:2].clone().requires_grad_(), w[2:4])
 
 
+def test_rounding_alone_does_not_look_like_a_plan_that_has_not_converged():
+    """Nor where a slope is the difference of two numbers that nearly vanish themselves."""
+    torch.set_default_dtype(torch.float32)
+    torch.manual_seed(0)
+    A, B, c = torch.eye(3) + 0.1 * torch.randn(3, 3), torch.randn(3, 3), torch.zeros(3)
+    lti = pp.LTI(A, B, torch.eye(3), 0 * A, c, c)
+    mpc = pp.MPC(lti, torch.eye(6), torch.randn(6), 5, pp.utils.ReduceToBason(steps=1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plan = mpc.solve(1, torch.randn(4096, 3, requires_grad=True))
+    assert not plan.converged.any()
+
+
 def test_only_the_members_whose_gradient_is_wrong_are_counted():
     """A plan that rests at its target, or wholly at its bounds, needs no more sweeps."""
     w, once = infinity.waypoints(), pp.utils.ReduceToBason(steps=1)

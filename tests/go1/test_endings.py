@@ -22,6 +22,7 @@ from pypose_lite.go1.protocol import COMMAND_SIZE
 from pypose_lite.go1.simulation import Simulator
 from pypose_lite.go1.transport import UdpServer
 
+pytestmark = pytest.mark.wall_clock
 DRIVER = Path(__file__).with_name("dying_driver.py")
 WITHIN = 0.4  # s, the promise; and the time that a busy machine may keep a process waiting:
 MACHINE = 0.3

@@ -10,6 +10,7 @@ from pypose_lite import go1
 PROGRAM = [sys.executable, "-W", "error", "-m", "pypose_lite.go1.simulator", "--port", "0"]
 
 
+@pytest.mark.wall_clock
 def test_the_simulator_is_a_program_of_its_own_that_ctrl_c_ends_quietly():
     with subprocess.Popen(
         [*PROGRAM, "--loss", "0.1", "--delay", "0.02", "--garbage", "0.2", "--vanish", "2.5"],

@@ -49,6 +49,7 @@ def test_udp_carries_datagrams_to_the_server_and_back(server):
     client.close()
 
 
+@pytest.mark.wall_clock
 def test_a_server_holds_on_to_its_first_client_until_that_is_silent(server):
     first, second = Udp("127.0.0.1", server.port), Udp("127.0.0.1", server.port)
     first.send(b"1st ")

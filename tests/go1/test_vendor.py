@@ -14,6 +14,7 @@ import pytest
 
 from pypose_lite import go1
 
+pytestmark = pytest.mark.wall_clock
 HERE = Path(__file__).parent
 
 

@@ -333,7 +333,7 @@ def test_connecting_to_nobody_says_so_and_leaves_no_thread():
     before = threading.active_count()
     with pytest.raises(go1.RobotTimeout, match="udp://127.0.0.1:1: no state came within 3 s"):
         go1.connect("udp://127.0.0.1:1")
-    assert threading.active_count() == before
+    assert threading.active_count() <= before
 
 
 @pytest.mark.wall_clock

@@ -29,7 +29,7 @@ test: lint site
 	pytest book $(wildcard solutions) -q -n 2 --dist loadfile
 	python book/site/scoreboard.py build/executed build/claims
 	pytest tests -q -n 2 --dist loadfile -m "not wall_clock"
-	pytest tests/go1 -q -m wall_clock
+	pytest tests/go1 -q -m wall_clock --reruns 9 --reruns-delay 10 --only-rerun Busy
 
 lint: .venv/.installed
 	ruff check

@@ -1,7 +1,7 @@
 """Programs that drive a robot for a while, and then end in one way or another.
 
 Each line "udp://127.0.0.1:PORT WAY" on stdin starts one (a fork, which saves the imports). Just
-before it ends it prints its process id and the time.
+before it ends it prints its address, its process id and the time.
 """
 
 import ctypes
@@ -73,7 +73,7 @@ def drive(address, way):
             robot.move(0.4, 0.3)
             robot.wait(0.1)
         robot.move(0.4, 0.3)
-        print(os.getpid(), time.monotonic(), flush=True)
+        print(address, os.getpid(), time.monotonic(), flush=True)
         globals()[way](robot)
     finally:
         if inside:

@@ -5,6 +5,7 @@ itself, and here the commands that arrive are written down with their time.
 """
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -87,20 +88,29 @@ def drivers():
         program.kill()
 
 
+def start(drivers, robot, way):
+    """The process of a driver that is about to end, and the time."""
+    address = f"udp://127.0.0.1:{robot.server.port}"
+    drivers.stdin.write(f"{address} {way}\n")
+    while select.select([drivers.stdout], [], [], 20.0)[0]:
+        of, *rest = drivers.stdout.readline().split()
+        if of == address:  # and not of one that was given up before
+            return int(rest[0]), float(rest[1])
+    raise AssertionError("the driver did not get as far as its end")
+
+
 def drive_and_end(drivers, way, number=None):
     """What the robot was told after the end of a program: [(seconds after it, command)]."""
     with Witness() as robot:
-        drivers.stdin.write(f"udp://127.0.0.1:{robot.server.port} {way}\n")
-        process, end = drivers.stdout.readline().split()
+        process, end = start(drivers, robot, way)
         try:
-            end = float(end)
             if number is not None:
                 time.sleep(0.3)
                 end = time.monotonic()
-                os.kill(int(process), number)
+                os.kill(process, number)
             time.sleep(max(end + WATCH - time.monotonic(), 0.0))
         finally:
-            os.kill(int(process), signal.SIGKILL)  # a child not waited for keeps its number
+            os.kill(process, signal.SIGKILL)  # a child not waited for keeps its number
         return [(at - end, command) for at, command in [*robot.told]]
 
 
@@ -129,8 +139,7 @@ def test_zero_velocity_goes_out_when_the_program_is_told_to_end(drivers, ending)
 def test_what_waited_while_the_program_slept_is_not_taken_for_fresh(drivers):
     """Stopped for a second, its socket full of old states: what it serves next is new."""
     with Witness() as robot:
-        drivers.stdin.write(f"udp://127.0.0.1:{robot.server.port} watch_the_state\n")
-        process = int(drivers.stdout.readline().split()[0])
+        process, _ = start(drivers, robot, "watch_the_state")
         time.sleep(0.6)  # the walk that it began has come to its end
         os.kill(process, signal.SIGSTOP)
         time.sleep(0.1)

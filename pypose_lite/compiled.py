@@ -1,76 +1,169 @@
-"""A sweep of iLQR compiled by torch: the same answer, several times faster.
+"""Sweeps of iLQR compiled by torch: the same answer, several times faster.
 
-The time loops become torch's scan and the small matrices plain arithmetic (`scan.py`); what is
-left for Python is one call a sweep. The compiled sweep takes the straight road: full steps, and
-one Riccati run. Where that leads nowhere, the sweep in Python goes on.
+The loops over time become torch's scan and the small matrices plain arithmetic (`scan.py`). Of a
+single plan all sweeps are one compiled loop, too, and Python is called once. A batch is swept in
+Python, so that members that have converged drop out: first a full step for each, and for those
+whom that leads nowhere another sweep, with shorter steps at hand.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from .ilqr import Iterate, Problem, advance, improve
+from .ilqr import SWEEPS, Iterate, Solution, advance, first, follow, improve, optimize, start
+from .problem import Problem
 
 OPTIONS: dict[str, Any] = {
     "size_asserts": False,
     "alignment_asserts": False,
     "realize_reads_threshold": 0,  # what is needed twice, such as a sine, is computed once
     "force_pointwise_cat": True,  # and what is put together is so in one pass
+    "cpp_wrapper": True,  # loops are C++, too
+    "inplace_buffers": False,  # else a loop's result is declared twice there
 }
+SINGLE = {"cpp.simdlen": 1}  # vectors are too short to gain by SIMD, and compile for longer
 
 
-class CompiledSweep:
-    """What :func:`ilqr.improve` does, compiled on first use and compared with it once.
+class CompiledOptimizer:
+    """What :func:`ilqr.optimize` does, compiled on first use and compared with it once.
 
     Args:
         options: for torch's inductor.
     """
 
     def __init__(self, **options):
-        self.compiled = torch.compile(improve, fullgraph=True, options=OPTIONS | options)
+        options = OPTIONS | {"guard_filter_fn": _guards} | options
+        self.sweep = torch.compile(improve, fullgraph=True, options=options)
+        self.sweeps = torch.compile(improve_all, fullgraph=True, options=options | SINGLE)
         self.trusted: set[tuple] = set()
 
-    def __call__(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
-        """Returns the next iterate.
+    def __call__(
+        self, problem: Problem, x_init: Tensor, U: Tensor, stepper=None
+    ) -> Solution:
+        """Returns the plan that sweeps from U lead to.
 
         Raises:
             RuntimeError: where the system cannot be compiled, or not faithfully.
+            ValueError: where the rollout of U is not finite.
         """
+        if U.ndim > 2 or stepper is not None:
+            return optimize(problem, x_init, U, stepper, self.improve)
+        with torch.no_grad():
+            known = self._kind(problem, U, True) in self.trusted
+            at = (_unmoved if known else start)(problem, x_init, U)
+            at, history = self._improve_all(problem, at, SWEEPS)
+            if not torch.isfinite(history[0] + at.X.sum()):
+                start(problem, x_init, U)  # says what diverges
+        history = history[: int(at.iterations) + 1]
+        return Solution(at.X, at.U, at.cost, at.converged, at.iterations, history)
+
+    def improve(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
+        """Returns the next iterate."""
+        if at.cost.ndim == 0:
+            return self._improve_all(problem, at, 1)[0]
+        new = self._improve(problem, at, shorter=False)
+        misled = torch.isinf(new.promised) & at.exact  # Newton's model has no minimum
+        again = misled | (~(new.cost < at.cost) & ~new.converged)
+        if again.any():
+            at = at._replace(exact=at.exact & ~misled)
+            new = new.unless(~again, advance(self._carefully, problem, at, again, newton))
+        return new
+
+    def _carefully(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
+        return self._improve(problem, at, shorter=True)
+
+    def _improve(self, problem: Problem, at: Iterate, shorter: bool) -> Iterate:
+        """Returns the next iterate of a batch."""
         if at.cost.shape == (1,):  # which the compiler would see as another kind of batch
             twice = torch.zeros(2, dtype=torch.int64, device=at.cost.device)
-            return self(problem.members(twice), at.members(twice), newton).members(twice[:1])
-        new = self._straight(problem, at, newton)
-        stuck = ~(new.cost < at.cost) & ~new.converged
-        if stuck.any():
-            new = new.unless(~stuck, advance(improve, problem, at, stuck, newton))
-        return new
-
-    def _straight(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
-        """Returns what the compiled code makes of it, once that is known to be right."""
-        kind = (at.U.dtype, at.U.shape[0], at.U.ndim, *(z is None for z in problem[2:]))
-        name = type(problem.system).__name__
-        given = (
-            Problem(*problem[:2], *map(_own, problem[2:])),  # type: ignore[arg-type]
-            Iterate(*map(_own, at)),  # type: ignore[arg-type]
-        )
+            new = self._improve(problem.members(twice), at.members(twice), shorter)
+            return new.members(twice[:1])
+        given = _owned(problem, at)
         if at.cost.ndim == 1:
             _any_batch(*given)
+        self._check(problem, at, shorter, lambda: self.sweep(*given, True, shorter))
+        return self.sweep(*given, True, shorter)
+
+    def _improve_all(self, problem: Problem, at: Iterate, sweeps: int) -> tuple[Iterate, Tensor]:
+        """Returns where a single plan ends, after so many sweeps at most, and the costs on the way."""
+        given = (*_owned(problem, at), at.cost.new_zeros(SWEEPS + 1))
+        one, left = torch.tensor([1, sweeps], device=at.cost.device)
+        self._check(problem, at, True, lambda: self.sweeps(*given, one)[0])
+        return self.sweeps(*given, left)
+
+    def _check(self, problem: Problem, at: Iterate, shorter: bool, run: Callable) -> None:
+        """Runs a compiled sweep for the first time, and compares it with that of Python."""
+        kind = self._kind(problem, at.U, shorter)
         if kind in self.trusted:
-            return self.compiled(*given, True)
+            return
+        name = type(problem.system).__name__
         try:
-            new = self.compiled(*given, True)
+            new = run()
         except Exception as error:
             raise RuntimeError(f"{name} cannot be compiled: {error}") from error
-        if not _alike(at, new, improve(problem, at, newton)):
+        if not _alike(at, new, improve(problem, at, True, shorter)):
             raise RuntimeError(f"{name} cannot be compiled: it reads more than its arguments")
         self.trusted.add(kind)
-        return new
+
+    @staticmethod
+    def _kind(problem: Problem, U: Tensor, shorter: bool) -> tuple:
+        """Returns what another code is compiled for."""
+        return (shorter, U.dtype, U.shape[0], U.ndim, *(z is None for z in problem[2:]))
 
 
-def _own(z: Tensor | None) -> Tensor | None:
-    """Returns a copy with the usual strides, as the compiler tells tensors apart by them."""
-    return None if z is None else z.clone(memory_format=torch.contiguous_format)
+def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
+    """Returns the last iterate of a single plan, and ``history`` with the costs on the way.
+
+    The states of ``at`` but the first, and its cost, are made from its inputs.
+    """
+    from torch._higher_order_ops.while_loop import while_loop
+
+    T, m = at.U.shape
+    stay = at.U.new_zeros(T, m, at.X.shape[-1] + 1)
+    X, U = follow(problem, at.X[0], at.X, at.U, stay)
+    cost = problem.cost(X, U)
+    history = torch.where(torch.arange(len(history)) == at.iterations, cost, history)
+
+    def goes_on(left, history, *at):
+        return (left > 0) & ~Iterate(*at).converged
+
+    def sweep(left, history, *at):
+        at = Iterate(*at)
+        new = improve(problem, at, True, True)
+        misled = torch.isinf(new.promised) & at.exact  # Newton's model has no minimum
+        new = at._replace(exact=torch.zeros_like(at.exact)).unless(misled, new)
+        history = torch.where(torch.arange(len(history)) == new.iterations, new.cost, history)
+        return left - (~misled).to(left.dtype), history, *(z.clone() for z in new)
+
+    at = at._replace(X=X, U=U, cost=cost)
+    _, history, *rest = while_loop(goes_on, sweep, (left.clone(), history, *at))
+    return Iterate(*rest), history
+
+
+def _unmoved(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:
+    """Returns the inputs to start from, and what else `improve_all` makes of them itself."""
+    X = x_init.expand(len(U) + 1, -1)
+    return first(X, problem.clip(U), X.new_zeros(()))
+
+
+def _owned(problem: Problem, at: Iterate) -> tuple[Problem, Iterate]:
+    """Returns copies with the usual strides, as the compiler tells tensors apart by them."""
+    tensors = [z if z is None else _own(z) for z in problem[2:]]
+    return Problem(*problem[:2], *tensors), Iterate(*map(_own, at))  # type: ignore[arg-type]
+
+
+def _own(z: Tensor) -> Tensor:
+    return z.clone(memory_format=torch.contiguous_format)
+
+
+def _any_batch(problem: Problem, at: Iterate) -> None:
+    """Tells the compiler that the size of the batch ``(B,)`` will change."""
+    for z in (at.X, at.U, *(z for z in problem[2:] if z is not None and z.shape[1] > 1)):
+        torch._dynamo.maybe_mark_dynamic(z, 1)
+    for z in at[2:]:
+        torch._dynamo.maybe_mark_dynamic(z, 0)
 
 
 def _alike(at: Iterate, new: Iterate, eager: Iterate) -> bool:
@@ -80,9 +173,10 @@ def _alike(at: Iterate, new: Iterate, eager: Iterate) -> bool:
     return bool((same | (new.cost == at.cost)).all())
 
 
-def _any_batch(problem: Problem, at: Iterate) -> None:
-    """Tells the compiler that the size of the batch ``(B,)`` will change."""
-    for z in (at.X, at.U, *(z for z in problem[2:] if z is not None and z.shape[1] > 1)):
-        torch._dynamo.maybe_mark_dynamic(z, 1)
-    for z in at[2:]:
-        torch._dynamo.maybe_mark_dynamic(z, 0)
+def _guards(entries) -> list[bool]:
+    """Returns which of what a sweep reads may change: not the code of this library and torch."""
+    fixed = ("G['__import_pypose_lite", "G['__import_torch")
+    return [
+        not (e.is_global and (e.name.startswith(fixed) or "__import_" not in e.name))
+        for e in entries
+    ]

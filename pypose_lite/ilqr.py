@@ -15,7 +15,8 @@ from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
 from .scan import every, scan, some
 from .shapes import bmv
 
-STEPS = torch.tensor([0.5, 0.2, 0.05])  # lengths tried where the full step does not help
+SWEEPS = 200  # at most
+STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
 
 
 class Solution(NamedTuple):
@@ -113,20 +114,25 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     return K, V[..., -1, -1] / 2, failed
 
 
-def search(problem: Problem, X: Tensor, U: Tensor, cost: Tensor, K: Tensor, promised: Tensor):
+def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, shorter=None):
     """Returns the trajectory after one step along the gains, its cost, and whether it helped.
 
     The full step is taken where it keeps a small part of its promise; else the best of several
-    shorter ones, all tried at once; else none.
+    shorter ones; else none. All are tried at once where ``shorter`` is True, only the full one
+    where it is False; None looks first, as compiled code cannot.
     """
     rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
-    new = follow(problem, X[0], X, U, K)
+    tried = follow(problem, X[0], X, U, K, STEPS.to(U) if shorter else None)
+    new = tuple(z[:, 0] for z in tried) if shorter else tried
     new = (*new, _or_infinite(problem.cost(*new)))
     helped = new[-1] <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if some(~helped):
-        shorter = _best(problem, *follow(problem, X[0], X, U, K, STEPS.to(U)))
-        new = _where(helped, new, shorter)
-        helped = helped | (shorter[-1] < cost)
+    if shorter is None and some(~helped):
+        tried = follow(problem, X[0], X, U, K, STEPS.to(U))
+        shorter = True
+    if shorter:
+        best = _best(problem, *(z[:, 1:] for z in tried))
+        new = _where(helped, new, best)
+        helped = helped | (best[-1] < cost)
     return (*_where(helped, new, (X, U, cost)), helped)
 
 
@@ -179,7 +185,7 @@ class Iterate(NamedTuple):
         return Iterate(*(torch.where(d, z, w) for d, z, w in zip(masks, self, new)))
 
 
-def improve(problem: Problem, at: Iterate, newton: bool) -> Iterate:
+def improve(problem: Problem, at: Iterate, newton: bool, shorter: bool | None = None) -> Iterate:
     """Returns the next iterate: one sweep, one search, and what follows from how they went.
 
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
@@ -190,7 +196,7 @@ def improve(problem: Problem, at: Iterate, newton: bool) -> Iterate:
     exact = at.exact if newton else None
     K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact)
     K = torch.where(failed[..., None, None], 0, K)
-    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain)
+    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, shorter)
     helped = helped & ~failed
     kept = (at.cost - cost) / (-gain).clamp(min=eps**2)
     size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
@@ -223,7 +229,7 @@ def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton
 
 @torch.no_grad()
 def optimize(
-    problem: Problem, x_init: Tensor, U: Tensor, sweeps: int, stepper=None, step: Callable = improve
+    problem: Problem, x_init: Tensor, U: Tensor, stepper=None, step: Callable = improve
 ) -> Solution:
     """Returns the plan that sweeps from U lead to; its cost never rises on the way.
 
@@ -233,21 +239,15 @@ def optimize(
         problem: its tensors have the batch of x_init and U.
         x_init: ``(..., n)``.
         U: inputs to start from, ``(T, ..., m)``.
-        sweeps: how many at most.
         stepper: may stop earlier; it is told how much cost the latest sweep hoped to gain.
         step: :func:`improve`, or a compiled form of it.
 
     Raises:
         ValueError: where the rollout of U is not finite.
     """
-    U = problem.clip(U)
-    X = rollout(problem, x_init, U)
-    cost = problem.cost(X, U)
-    refuse_divergence(X, cost)
-    no = torch.zeros_like(cost, dtype=torch.bool)
-    at = Iterate(X, U, cost, 0 * cost, 0 * cost, no, no, torch.zeros_like(cost, dtype=torch.int64))
-    history = [cost]
-    for _ in range(sweeps):
+    at = start(problem, x_init, U)
+    history = [at.cost]
+    for _ in range(SWEEPS):
         newton = bool((at.exact & ~at.converged).any())
         at = advance(step, problem, at, ~at.converged, newton)
         history.append(at.cost)
@@ -256,6 +256,22 @@ def optimize(
         if at.converged.all() or (stepper is not None and not stepper.continual()):
             break
     return Solution(at.X, at.U, at.cost, at.converged, at.iterations, torch.stack(history))
+
+
+def start(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:
+    """Returns the rollout of U, kept within its bounds; ValueError where that is not finite."""
+    U = problem.clip(U)
+    X = rollout(problem, x_init, U)
+    cost = problem.cost(X, U)
+    refuse_divergence(X, cost)
+    return first(X, U, cost)
+
+
+def first(X: Tensor, U: Tensor, cost: Tensor) -> Iterate:
+    """Returns an iterate that no sweep has led to."""
+    no, none = torch.zeros_like(cost, dtype=torch.bool), torch.zeros_like(cost)
+    count = torch.zeros_like(cost, dtype=torch.int64)
+    return Iterate(X, U, cost, none, none, no, no, count)
 
 
 def refuse_divergence(X: Tensor, cost: Tensor) -> None:

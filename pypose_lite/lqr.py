@@ -57,7 +57,7 @@ class LQR(OptimalControl):
             refuse_divergence(X, cost)
         else:
             problem = problem.near(U)
-            solution = optimize(problem, x_init, U, sweeps=200)
+            solution = optimize(problem, x_init, U)
             if not solution.converged.all():
                 warnings.warn("the bounded plan has not converged in 200 sweeps", stacklevel=2)
             if torch.is_grad_enabled() and problem.requires_grad(x_init):

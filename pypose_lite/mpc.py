@@ -10,8 +10,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .compiled import CompiledSweep
-from .ilqr import improve, optimize
+from .compiled import CompiledOptimizer
+from .ilqr import optimize
 from .implicit import differentiable
 from .problem import OptimalControl
 
@@ -51,7 +51,7 @@ class MPC(OptimalControl):
     def __init__(self, system, Q, p, T, stepper=None):
         super().__init__(system, Q, p, T)
         self.stepper = stepper
-        self._sweep: Callable = improve
+        self._optimize: Callable = optimize
 
     def forward(
         self, dt, x_init, target=None, u_init=None, u_lower=None, u_upper=None, du=None
@@ -79,7 +79,7 @@ class MPC(OptimalControl):
             ValueError: for arguments that do not fit, or a rollout of u_init that diverges.
         """
         problem, x_init, U = self._pose(x_init, dt, u_init, u_lower, u_upper, du, target)
-        solution = optimize(problem, x_init, U, 200, self._fresh_stepper(), self._sweep)
+        solution = self._optimize(problem, x_init, U, self._fresh_stepper())
         if torch.is_grad_enabled() and problem.requires_grad(x_init):
             solution = differentiable(problem, x_init, solution)
         X, U, *rest = solution
@@ -99,7 +99,7 @@ class MPC(OptimalControl):
             RuntimeError: at the next solve, where the system cannot be compiled: its functions
                 branch on a state, print, or read ``self.systime`` instead of taking ``t``.
         """
-        self._sweep = CompiledSweep(**options)
+        self._optimize = CompiledOptimizer(**options)
 
     def _fresh_stepper(self):
         stepper = copy.deepcopy(self.stepper)

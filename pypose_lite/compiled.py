@@ -1,9 +1,9 @@
 """Sweeps of iLQR compiled by torch: the same answer, several times faster.
 
 The loops over time become torch's scan and the small matrices plain arithmetic (`scan.py`). Of a
-single plan all sweeps are one compiled loop, too, and Python is called once. A batch is swept in
-Python, so that members that have converged drop out: first a full step for each, and for those
-whom that leads nowhere another sweep, with shorter steps at hand.
+single plan all sweeps are one compiled loop, too, and Python is called once. Of a batch each sweep
+is a call, so that members that have converged drop out; it takes full steps after one Riccati run,
+and members whom that leads nowhere are swept in Python.
 """
 
 from collections.abc import Callable
@@ -36,22 +36,24 @@ class CompiledOptimizer:
     def __init__(self, **options):
         options = OPTIONS | {"guard_filter_fn": _guards} | options
         self.sweep = torch.compile(improve, fullgraph=True, options=options)
-        self.sweeps = torch.compile(improve_all, fullgraph=True, options=options | SINGLE)
+        self.sweeps = torch.compile(
+            improve_all, fullgraph=True, dynamic=False, options=options | SINGLE
+        )
         self.trusted: set[tuple] = set()
 
-    def __call__(
-        self, problem: Problem, x_init: Tensor, U: Tensor, stepper=None
-    ) -> Solution:
+    def __call__(self, problem: Problem, x_init: Tensor, U: Tensor, stepper=None) -> Solution:
         """Returns the plan that sweeps from U lead to.
 
         Raises:
             RuntimeError: where the system cannot be compiled, or not faithfully.
             ValueError: where the rollout of U is not finite.
         """
+        if U.shape[1:-1] == (1,) and problem.system.transition(x_init[0], U[0, 0]).ndim == 1:
+            return self(_alone(problem), x_init[0], U[:, 0], stepper).batched()
         if U.ndim > 2 or stepper is not None:
             return optimize(problem, x_init, U, stepper, self.improve)
         with torch.no_grad():
-            known = self._kind(problem, U, True) in self.trusted
+            known = self._kind(problem, U) in self.trusted
             at = (_unmoved if known else start)(problem, x_init, U)
             at, history = self._improve_all(problem, at, SWEEPS)
             if not torch.isfinite(history[0] + at.X.sum()):
@@ -63,39 +65,26 @@ class CompiledOptimizer:
         """Returns the next iterate."""
         if at.cost.ndim == 0:
             return self._improve_all(problem, at, 1)[0]
-        new = self._improve(problem, at, shorter=False)
-        misled = torch.isinf(new.promised) & at.exact  # Newton's model has no minimum
-        again = misled | (~(new.cost < at.cost) & ~new.converged)
-        if again.any():
-            at = at._replace(exact=at.exact & ~misled)
-            new = new.unless(~again, advance(self._carefully, problem, at, again, newton))
-        return new
-
-    def _carefully(self, problem: Problem, at: Iterate, newton: bool) -> Iterate:
-        return self._improve(problem, at, shorter=True)
-
-    def _improve(self, problem: Problem, at: Iterate, shorter: bool) -> Iterate:
-        """Returns the next iterate of a batch."""
-        if at.cost.shape == (1,):  # which the compiler would see as another kind of batch
-            twice = torch.zeros(2, dtype=torch.int64, device=at.cost.device)
-            new = self._improve(problem.members(twice), at.members(twice), shorter)
-            return new.members(twice[:1])
         given = _owned(problem, at)
         if at.cost.ndim == 1:
             _any_batch(*given)
-        self._check(problem, at, shorter, lambda: self.sweep(*given, True, shorter))
-        return self.sweep(*given, True, shorter)
+        self._check(problem, at, lambda: self.sweep(*given, True, False))
+        new = self.sweep(*given, True, False)
+        stuck = ~(new.cost < at.cost) & ~new.converged
+        if stuck.any():
+            new = new.unless(~stuck, advance(improve, problem, at, stuck, newton))
+        return new
 
     def _improve_all(self, problem: Problem, at: Iterate, sweeps: int) -> tuple[Iterate, Tensor]:
-        """Returns where a single plan ends, after so many sweeps at most, and the costs on the way."""
+        """Returns where at most so many sweeps of a single plan end, and the costs on the way."""
         given = (*_owned(problem, at), at.cost.new_zeros(SWEEPS + 1))
         one, left = torch.tensor([1, sweeps], device=at.cost.device)
-        self._check(problem, at, True, lambda: self.sweeps(*given, one)[0])
+        self._check(problem, at, lambda: self.sweeps(*given, one)[0])
         return self.sweeps(*given, left)
 
-    def _check(self, problem: Problem, at: Iterate, shorter: bool, run: Callable) -> None:
+    def _check(self, problem: Problem, at: Iterate, run: Callable[[], Iterate]) -> None:
         """Runs a compiled sweep for the first time, and compares it with that of Python."""
-        kind = self._kind(problem, at.U, shorter)
+        kind = self._kind(problem, at.U)
         if kind in self.trusted:
             return
         name = type(problem.system).__name__
@@ -103,14 +92,14 @@ class CompiledOptimizer:
             new = run()
         except Exception as error:
             raise RuntimeError(f"{name} cannot be compiled: {error}") from error
-        if not _alike(at, new, improve(problem, at, True, shorter)):
+        if not _alike(at, new, improve(problem, at, True)):
             raise RuntimeError(f"{name} cannot be compiled: it reads more than its arguments")
         self.trusted.add(kind)
 
     @staticmethod
-    def _kind(problem: Problem, U: Tensor, shorter: bool) -> tuple:
+    def _kind(problem: Problem, U: Tensor) -> tuple:
         """Returns what another code is compiled for."""
-        return (shorter, U.dtype, U.shape[0], U.ndim, *(z is None for z in problem[2:]))
+        return (U.dtype, U.shape[0], U.ndim, *(z is None for z in problem[2:]))
 
 
 def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
@@ -123,8 +112,8 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
     T, m = at.U.shape
     stay = at.U.new_zeros(T, m, at.X.shape[-1] + 1)
     X, U = follow(problem, at.X[0], at.X, at.U, stay)
-    cost = problem.cost(X, U)
-    history = torch.where(torch.arange(len(history)) == at.iterations, cost, history)
+    cost, steps = problem.cost(X, U), torch.arange(len(history), device=history.device)
+    history = torch.where(steps == at.iterations, cost, history)
 
     def goes_on(left, history, *at):
         return (left > 0) & ~Iterate(*at).converged
@@ -134,12 +123,18 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
         new = improve(problem, at, True, True)
         misled = torch.isinf(new.promised) & at.exact  # Newton's model has no minimum
         new = at._replace(exact=torch.zeros_like(at.exact)).unless(misled, new)
-        history = torch.where(torch.arange(len(history)) == new.iterations, new.cost, history)
+        history = torch.where(steps == new.iterations, new.cost, history)
         return left - (~misled).to(left.dtype), history, *(z.clone() for z in new)
 
     at = at._replace(X=X, U=U, cost=cost)
     _, history, *rest = while_loop(goes_on, sweep, (left.clone(), history, *at))
     return Iterate(*rest), history
+
+
+def _alone(problem: Problem) -> Problem:
+    """Returns the problem of the only member of a batch ``(1,)``."""
+    tensors = [z if z is None else z[:, 0] for z in problem[2:]]
+    return Problem(*problem[:2], *tensors)  # type: ignore[arg-type]
 
 
 def _unmoved(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:
@@ -174,9 +169,11 @@ def _alike(at: Iterate, new: Iterate, eager: Iterate) -> bool:
 
 
 def _guards(entries) -> list[bool]:
-    """Returns which of what a sweep reads may change: not the code of this library and torch."""
-    fixed = ("G['__import_pypose_lite", "G['__import_torch")
+    """Returns which of what a sweep reads may change: not the code of this library and of torch."""
+    roots = {*globals(), *improve.__globals__}
+    fixed = ("__import_pypose_lite", "__import_torch")
+    names = [e.name.removeprefix("G['").split("'")[0] for e in entries]
     return [
-        not (e.is_global and (e.name.startswith(fixed) or "__import_" not in e.name))
-        for e in entries
+        not (e.is_global and (name in roots or name.startswith(fixed)))
+        for e, name in zip(entries, names)
     ]

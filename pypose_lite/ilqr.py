@@ -29,6 +29,11 @@ class Solution(NamedTuple):
     iterations: Tensor  # (...), how many sweeps
     history: Tensor  # (sweeps + 1, ...), the cost at the start and after each
 
+    def batched(self) -> "Solution":
+        """Returns the plan as the only member of a batch ``(1,)``."""
+        dims = (1, 1, 0, 0, 0, 1)
+        return Solution(*(z.unsqueeze(d) for d, z in zip(dims, self)))
+
 
 def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Tensor | None = None):
     """Returns states and inputs of ``u = U + k + K (x - X)``, kept within the box.
@@ -224,6 +229,7 @@ def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton
     if which.ndim != 1 or problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim > 1:
         return at.unless(~which, step(problem, at, newton))  # a system with a batch of its own
     rows = which.nonzero()[:, 0]
+    rows = rows.expand(2) if len(rows) == 1 else rows  # one is another kind of batch to a compiler
     return at.replaced(rows, step(problem.members(rows), at.members(rows), newton))
 
 

@@ -1,5 +1,6 @@
 """Compiled sweeps lead to the plans of those in Python, or say why they cannot."""
 
+import contextlib
 import shutil
 
 import pytest
@@ -23,13 +24,11 @@ def compiled(mpc):
 
 
 @pytest.fixture
-def once(monkeypatch):
-    """Makes another compilation, after the first, an error."""
-
-    def from_now_on():
-        monkeypatch.setattr(torch._dynamo.config, "error_on_recompile", True)
-
-    return from_now_on
+def once():
+    """Makes another compilation an error, from when it is called on."""
+    with contextlib.ExitStack() as stack:
+        no_more = torch._dynamo.config.patch(error_on_recompile=True)
+        yield lambda: stack.enter_context(no_more)
 
 
 def test_a_plan_and_its_gradient_are_the_same():
@@ -47,24 +46,64 @@ def test_a_plan_and_its_gradient_are_the_same():
 def test_batches_of_any_size_are_compiled_once_and_keep_their_bounds(g, once):
     Q, p = weights(g, 3)
     slow, fast = pp.MPC(Clockwork(), Q, p, 4), compiled(pp.MPC(Clockwork(), Q, p, 4))
-    for count in (6, 11, 1, 2):
+    for count in (1, 6, 11, 1, 2):
         x, target = draw(g, count, 2), draw(g, count, 2)
         plans = [mpc.solve(None, x, target, u_lower=-0.2, u_upper=0.3) for mpc in (slow, fast)]
         close(plans[1].u, plans[0].u, 1e-9)
         assert plans[1].converged.all()
         assert plans[1].u.min() >= -0.2 and plans[1].u.max() <= 0.3
-        once()
+        if count == 6:
+            once()
     assert (plans[1].u == -0.2).any() or (plans[1].u == 0.3).any()
+
+
+def test_single_plans_are_compiled_once_and_go_the_same_way_sweep_by_sweep(once):
+    """Also where a full step misleads, Newton's model has no minimum, or a stepper ends them."""
+    W = infinity.waypoints(torch.float64)
+    slow, fast = (infinity.controller(T=6, dtype=torch.float64) for _ in range(2))
+    fast = compiled(fast)
+    for i, j in ((0, 2), (0, 4), (3, 9), (8, 1), (5, 5), (4, 14)):
+        plans = [mpc.solve(0.1, W[i], W[j]) for mpc in (slow, fast)]
+        assert plans[0].iterations == plans[1].iterations
+        close(plans[1].history, plans[0].history, 1e-9)
+        close(plans[1].u, plans[0].u, 1e-7)
+        if (i, j) == (0, 2):
+            once()
+    slow.stepper = fast.stepper = pp.utils.ReduceToBason(steps=3)
+    plans = [mpc.solve(0.1, W[0], W[2]) for mpc in (slow, fast)]
+    assert plans[1].iterations == 3 and not plans[1].converged
+    close(plans[1].history, plans[0].history, 1e-9)
+    fast.stepper = None
+    with pytest.raises(ValueError, match="the rollout from it diverges"):
+        fast.solve(0.1, W[0], W[2], torch.full((6, 2), 1e308))
 
 
 def test_where_the_full_step_does_not_help_the_sweep_in_python_goes_on(g, monkeypatch):
     """A compiled sweep that never gets anywhere: every step is made in Python."""
     Q, p = weights(g, 3)
     slow, fast = pp.MPC(Clockwork(), Q, p, 4), compiled(pp.MPC(Clockwork(), Q, p, 4))
-    monkeypatch.setattr(fast._sweep, "compiled", lambda problem, at, newton: at)
+    monkeypatch.setattr(fast._optimize, "sweep", lambda problem, at, newton, shorter: at)
     x = draw(g, 5, 2)
     close(fast.solve(None, x).u, slow.solve(None, x).u)
-    close(fast.solve(None, x[0]).u, slow.solve(None, x[0]).u)
+
+
+PULL = 1.0
+
+
+class Pulled(Clockwork):
+    def state_transition(self, state, input, t):
+        return PULL * super().state_transition(state, input, t)
+
+
+def test_a_global_that_a_system_reads_may_change(g, monkeypatch):
+    """As may its attributes: what was compiled for another number is not used."""
+    Q, p = weights(g, 3)
+    fast, x = compiled(pp.MPC(Pulled(), Q, p, 2)), draw(g, 2)
+    first = fast.solve(None, x).u
+    monkeypatch.setitem(globals(), "PULL", 0.5)
+    slow = pp.MPC(Pulled(), Q, p, 2).solve(None, x).u
+    close(fast.solve(None, x).u, slow, 1e-9)
+    assert (first - slow).abs().max() > 1e-3
 
 
 class Branching(Clockwork):
@@ -83,9 +122,10 @@ def test_a_compiled_sweep_that_disagrees_is_refused(g):
     Q, p = weights(g, 3)
     mpc = compiled(pp.MPC(Clockwork(), Q, p, 3))
 
-    def late(problem, at, newton):
-        return improve(problem._replace(t=problem.t + 1), at, newton)
+    def late(problem, at, *rest):
+        return improve(problem._replace(t=problem.t + 1), at, True)
 
-    mpc._sweep.compiled = late
-    with pytest.raises(RuntimeError, match="Clockwork.*it reads more than its arguments"):
-        mpc.solve(None, draw(g, 2))
+    mpc._optimize.sweep, mpc._optimize.sweeps = late, lambda *args: (late(*args), None)
+    for x in (draw(g, 2), draw(g, 3, 2)):
+        with pytest.raises(RuntimeError, match="Clockwork.*it reads more than its arguments"):
+            mpc.solve(None, x)

@@ -170,10 +170,9 @@ def _alike(at: Iterate, new: Iterate, eager: Iterate) -> bool:
 
 def _guards(entries) -> list[bool]:
     """Returns which of what a sweep reads may change: not the code of this library and of torch."""
-    roots = {*globals(), *improve.__globals__}
-    fixed = ("__import_pypose_lite", "__import_torch")
-    names = [e.name.removeprefix("G['").split("'")[0] for e in entries]
-    return [
-        not (e.is_global and (name in roots or name.startswith(fixed)))
-        for e, name in zip(entries, names)
-    ]
+    fixed = {"pypose_lite", "torch", *globals(), *improve.__globals__}
+
+    def package(name: str) -> str:  # G['__import_torch_dot_func'].vjp is of torch
+        return name.removeprefix("G['").split("'")[0].removeprefix("__import_").split("_dot_")[0]
+
+    return [not (e.is_global and package(e.name) in fixed) for e in entries]

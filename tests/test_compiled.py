@@ -87,23 +87,24 @@ def test_where_the_full_step_does_not_help_the_sweep_in_python_goes_on(g, monkey
     close(fast.solve(None, x).u, slow.solve(None, x).u)
 
 
-PULL = 1.0
+PULL, SHAPE = 1.0, torch.sin
 
 
 class Pulled(Clockwork):
     def state_transition(self, state, input, t):
-        return PULL * super().state_transition(state, input, t)
+        return PULL * SHAPE(super().state_transition(state, input, t))
 
 
 def test_a_global_that_a_system_reads_may_change(g, monkeypatch):
-    """As may its attributes: what was compiled for another number is not used."""
+    """Numbers and functions: what was compiled for another one is not used."""
     Q, p = weights(g, 3)
     fast, x = compiled(pp.MPC(Pulled(), Q, p, 2)), draw(g, 2)
-    first = fast.solve(None, x).u
-    monkeypatch.setitem(globals(), "PULL", 0.5)
-    slow = pp.MPC(Pulled(), Q, p, 2).solve(None, x).u
-    close(fast.solve(None, x).u, slow, 1e-9)
-    assert (first - slow).abs().max() > 1e-3
+    plans = [fast.solve(None, x).u]
+    for name, value in (("SHAPE", torch.tanh), ("PULL", 0.5)):
+        monkeypatch.setitem(globals(), name, value)
+        plans.append(pp.MPC(Pulled(), Q, p, 2).solve(None, x).u)
+        close(fast.solve(None, x).u, plans[-1], 1e-9)
+        assert (plans[-1] - plans[-2]).abs().max() > 1e-3
 
 
 class Branching(Clockwork):

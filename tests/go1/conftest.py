@@ -19,7 +19,7 @@ class Metronome(threading.Thread):
         self.over, self.waits = threading.Event(), []
 
     def run(self):
-        while not self.over.is_set():
+        while not (self.waits and self.over.is_set()):
             began = time.monotonic()
             time.sleep(self.beat)
             self.waits.append(time.monotonic() - began)
@@ -41,14 +41,14 @@ def pytest_pyfunc_call(pyfuncitem):
     metronome = Metronome()
     metronome.start()
     try:
-        result = yield
-    except Exception as error:
+        return (yield)
+    except (Exception, pytest.fail.Exception) as error:
         reason = metronome.busy()
         if reason:
             raise Busy(reason) from error
         raise
-    metronome.over.set()
-    return result
+    finally:
+        metronome.over.set()
 
 
 @pytest.fixture

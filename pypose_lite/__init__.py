@@ -4,6 +4,7 @@ The public names, in the order of the book.
 """
 
 from . import filters, infinity, lie, module, planner, splines, utils
+from .batched import bmv, bvmv, bvv
 from .filters import EKF, PF, UKF, smooth
 from .lie import SE3, identity_SE3, is_SE3, randn_SE3, se3
 from .linear import LTI, LTV
@@ -12,7 +13,6 @@ from .models import CartPole, DubinsCar, Pendulum
 from .mpc import MPC, Plan, shift
 from .planner import local_plan
 from .riccati import dlqr
-from .shapes import bmv, bvmv, bvv
 from .splines import bspline, chspline
 from .systems import NLS, Linearization, System
 from .version import __version__

@@ -6,19 +6,23 @@ is a call, so that members that have converged drop out; it takes full steps aft
 and members whom that leads nowhere are swept in Python.
 """
 
+import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from .ilqr import SWEEPS, Iterate, Solution, advance, first, follow, improve, optimize, start
+from .ilqr import STEPS, SWEEPS, Iterate, Solution, apart, first, follow, improve, optimize, start
 from .problem import Problem
 
+AT_ONCE = 1024  # members of a batch in a call
 OPTIONS: dict[str, Any] = {
     "size_asserts": False,
     "alignment_asserts": False,
     "realize_reads_threshold": 0,  # what is needed twice, such as a sine, is computed once
+    "realize_cpu_acc_reads_threshold": 6,  # and so is the product of two matrices
     "force_pointwise_cat": True,  # and what is put together is so in one pass
     "cpp_wrapper": True,  # loops are C++, too
     "inplace_buffers": False,  # else a loop's result is declared twice there
@@ -65,15 +69,38 @@ class CompiledOptimizer:
         """Returns the next iterate."""
         if at.cost.ndim == 0:
             return self._improve_all(problem, at, 1)[0]
-        given = _owned(problem, at)
-        if at.cost.ndim == 1:
-            _any_batch(*given)
-        self._check(problem, at, lambda: self.sweep(*given, True, False))
-        new = self.sweep(*given, True, False)
-        stuck = ~(new.cost < at.cost) & ~new.converged
-        if stuck.any():
-            new = new.unless(~stuck, advance(improve, problem, at, stuck, newton))
-        return new
+        if not apart(problem, at):
+            new = self._step(problem, at, torch.ones_like(at.cost))
+            stuck = _stuck(at, new)
+            return new.unless(~stuck, improve(problem, at, newton)) if stuck.any() else new
+        parts = [
+            self._improve_some(problem.members(rows), at.members(rows))
+            for rows in _shares(len(at.cost))
+        ]
+        return parts[0] if len(parts) == 1 else Iterate.joined(parts)
+
+    def _improve_some(self, problem: Problem, at: Iterate) -> Iterate:
+        """Returns the next iterate of a batch ``(B,)``: by full steps, where they help."""
+        new = self._step(problem, at, torch.ones_like(at.cost))
+        stuck = _stuck(at, new)
+        if not stuck.any():
+            return new
+        misled = torch.isinf(new.promised)  # Newton's model has no minimum
+        rows, lengths = stuck.nonzero()[:, 0], STEPS.to(at.cost)
+        again, lengths = rows.repeat(len(lengths)), lengths.repeat_interleave(len(rows))
+        at = at._replace(exact=at.exact & ~misled).members(again)
+        tried = self._step(problem.members(again), at, lengths)
+        best = tried.cost.reshape(-1, len(rows)).argmin(0)
+        best = best * len(rows) + torch.arange(len(rows), device=rows.device)
+        return new.replaced(rows, tried.members(best))
+
+    def _step(self, problem: Problem, at: Iterate, length: Tensor) -> Iterate:
+        """Returns the next iterate of a batch, each member by a step of its own length."""
+        given = (*_owned(problem, at), True, length)
+        if length.ndim == 1:
+            _any_batch(given[0], given[1], length)
+        self._check(problem, at, lambda: self.sweep(*given))
+        return self.sweep(*given)
 
     def _improve_all(self, problem: Problem, at: Iterate, sweeps: int) -> tuple[Iterate, Tensor]:
         """Returns where at most so many sweeps of a single plan end, and the costs on the way."""
@@ -120,7 +147,7 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
 
     def sweep(left, history, *at):
         at = Iterate(*at)
-        new = improve(problem, at, True, True)
+        new = improve(problem, at, True)
         misled = torch.isinf(new.promised) & at.exact  # Newton's model has no minimum
         new = at._replace(exact=torch.zeros_like(at.exact)).unless(misled, new)
         history = torch.where(steps == new.iterations, new.cost, history)
@@ -129,6 +156,18 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
     at = at._replace(X=X, U=U, cost=cost)
     _, history, *rest = while_loop(goes_on, sweep, (left.clone(), history, *at))
     return Iterate(*rest), history
+
+
+def _shares(count: int) -> list[slice]:
+    """Returns equal shares of a batch, small enough for the processor's cache."""
+    shares = math.ceil(count / AT_ONCE)
+    edges = [count * i // shares for i in range(shares + 1)]
+    return [slice(*pair) for pair in pairwise(edges)]
+
+
+def _stuck(at: Iterate, new: Iterate) -> Tensor:
+    """Returns whether a sweep has led nowhere."""
+    return ~(new.cost < at.cost) & ~new.converged
 
 
 def _alone(problem: Problem) -> Problem:
@@ -144,20 +183,22 @@ def _unmoved(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:
 
 
 def _owned(problem: Problem, at: Iterate) -> tuple[Problem, Iterate]:
-    """Returns copies with the usual strides, as the compiler tells tensors apart by them."""
+    """Returns copies that lie in rows of the batch; the compiler tells tensors apart by that."""
     tensors = [z if z is None else _own(z) for z in problem[2:]]
     return Problem(*problem[:2], *tensors), Iterate(*map(_own, at))  # type: ignore[arg-type]
 
 
 def _own(z: Tensor) -> Tensor:
-    return z.clone(memory_format=torch.contiguous_format)
+    if z.ndim < 3:  # has no batch
+        return z.clone(memory_format=torch.contiguous_format)
+    return z.movedim(1, -1).clone(memory_format=torch.contiguous_format).movedim(-1, 1)
 
 
-def _any_batch(problem: Problem, at: Iterate) -> None:
+def _any_batch(problem: Problem, at: Iterate, length: Tensor) -> None:
     """Tells the compiler that the size of the batch ``(B,)`` will change."""
     for z in (at.X, at.U, *(z for z in problem[2:] if z is not None and z.shape[1] > 1)):
         torch._dynamo.maybe_mark_dynamic(z, 1)
-    for z in at[2:]:
+    for z in (*at[2:], length):
         torch._dynamo.maybe_mark_dynamic(z, 0)
 
 

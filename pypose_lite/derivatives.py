@@ -10,6 +10,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from .batched import cat, copied
+
 
 def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tuple[Tensor, ...]:
     """Returns ``y = function(x, u) (..., p)``, ``dy/dx (..., p, n)`` and ``dy/du (..., p, m)``.
@@ -43,10 +45,10 @@ def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor
     """
 
     def slope(x, u):
-        return torch.cat(torch.func.vjp(function, x, u)[1](weights), dim=-1)
+        return cat(torch.func.vjp(function, x, u)[1](weights), -1, 1)
 
     if _inside_transform(x):
-        return torch.cat(_transformed(slope, x, u, "xu")[1:], dim=-1)
+        return cat(_transformed(slope, x, u, "xu")[1:], -1)
     with torch.enable_grad():
         copies = [_copies(z, x.shape[-1] + u.shape[-1], False) for z in (x, u)]
         y = function(*copies)
@@ -86,4 +88,4 @@ def _transformed(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Te
     if y.shape[:-1] != x.shape[:-1]:
         x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
         return _transformed(function, x, u, wrt)
-    return (y, *(j.movedim(0, -2) for j in torch.vmap(pull)(_unit_rows(y))))
+    return (y, *(copied(j.movedim(0, -2), 2) for j in torch.vmap(pull)(_unit_rows(y))))

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .batched import bmv, cat
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
 from .scan import every, scan, some
-from .shapes import bmv
 
 SWEEPS = 200  # at most
 STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
@@ -119,19 +119,24 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     return K, V[..., -1, -1] / 2, failed
 
 
-def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, shorter=None):
+def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, step=None):
     """Returns the trajectory after one step along the gains, its cost, and whether it helped.
 
     The full step is taken where it keeps a small part of its promise; else the best of several
-    shorter ones; else none. All are tried at once where ``shorter`` is True, only the full one
-    where it is False; None looks first, as compiled code cannot.
+    shorter ones; else none. They are tried where the full one does not help, or always while torch
+    compiles, as that cannot look. With ``step (...)`` only that length is tried.
     """
     rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
+    shorter = step is None and torch.compiler.is_compiling()
+    if step is not None:
+        K = cat([K[..., :-1], step[..., None, None] * K[..., -1:]], -1)
     tried = follow(problem, X[0], X, U, K, STEPS.to(U) if shorter else None)
     new = tuple(z[:, 0] for z in tried) if shorter else tried
     new = (*new, _or_infinite(problem.cost(*new)))
     helped = new[-1] <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if shorter is None and some(~helped):
+    if step is not None:
+        helped = torch.where(step < 1, new[-1] < cost, helped)
+    elif not shorter and not helped.all():
         tried = follow(problem, X[0], X, U, K, STEPS.to(U))
         shorter = True
     if shorter:
@@ -163,6 +168,9 @@ def _or_infinite(cost: Tensor) -> Tensor:
     return cost.nan_to_num(torch.inf, torch.inf, torch.inf)
 
 
+DIMS = (1, 1, 0, 0, 0, 0, 0, 0)  # where each part of an iterate has its batch
+
+
 class Iterate(NamedTuple):
     """Where the iteration stands; X and U have time first, the others are ``(...)``."""
 
@@ -175,14 +183,18 @@ class Iterate(NamedTuple):
     converged: Tensor
     iterations: Tensor
 
-    def members(self, rows: Tensor) -> "Iterate":
+    def members(self, rows: Tensor | slice) -> "Iterate":
         """Returns some members of a batch ``(B,)``."""
         return Iterate(self.X[:, rows], self.U[:, rows], *(z[rows] for z in self[2:]))
 
+    @staticmethod
+    def joined(parts: list["Iterate"]) -> "Iterate":
+        """Returns batches ``(B,)`` as one."""
+        return Iterate(*(torch.cat(zs, d) for d, zs in zip(DIMS, zip(*parts))))
+
     def replaced(self, rows: Tensor, new: "Iterate") -> "Iterate":
         """Returns this batch with some members replaced."""
-        dims = (1, 1, 0, 0, 0, 0, 0, 0)
-        return Iterate(*(z.index_copy(d, rows, w) for d, z, w in zip(dims, self, new)))
+        return Iterate(*(z.index_copy(d, rows, w) for d, z, w in zip(DIMS, self, new)))
 
     def unless(self, done: Tensor, new: "Iterate") -> "Iterate":
         """Returns the new members, where the old ones are not done."""
@@ -190,18 +202,19 @@ class Iterate(NamedTuple):
         return Iterate(*(torch.where(d, z, w) for d, z, w in zip(masks, self, new)))
 
 
-def improve(problem: Problem, at: Iterate, newton: bool, shorter: bool | None = None) -> Iterate:
+def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = None) -> Iterate:
     """Returns the next iterate: one sweep, one search, and what follows from how they went.
 
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
     tenfold below a quarter and shrinks above three. Newton's curvature is tried where
     Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
+    With ``step (...)`` the search tries only that length.
     """
     eps, m = torch.finfo(at.cost.dtype).eps, at.U.shape[-1]
     exact = at.exact if newton else None
     K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact)
     K = torch.where(failed[..., None, None], 0, K)
-    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, shorter)
+    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, step)
     helped = helped & ~failed
     kept = (at.cost - cost) / (-gain).clamp(min=eps**2)
     size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
@@ -226,11 +239,19 @@ def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton
     """Returns the next iterate of some members; the others stay, and cost nothing in a ``(B,)``."""
     if which.all():
         return step(problem, at, newton)
-    if which.ndim != 1 or problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim > 1:
-        return at.unless(~which, step(problem, at, newton))  # a system with a batch of its own
+    if not apart(problem, at):
+        return at.unless(~which, step(problem, at, newton))
     rows = which.nonzero()[:, 0]
     rows = rows.expand(2) if len(rows) == 1 else rows  # one is another kind of batch to a compiler
     return at.replaced(rows, step(problem.members(rows), at.members(rows), newton))
+
+
+def apart(problem: Problem, at: Iterate) -> bool:
+    """Returns whether members of a batch ``(B,)`` can be swept without the others.
+
+    They cannot where the system has a batch of its own.
+    """
+    return at.cost.ndim == 1 and problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim == 1
 
 
 @torch.no_grad()

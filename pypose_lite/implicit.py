@@ -20,10 +20,10 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
+from .batched import bmv
 from .ilqr import Solution, costates, curvature, model
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .shapes import bmv
 
 
 def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solution:

@@ -5,7 +5,8 @@ from typing import Self
 import torch
 from torch import Tensor, nn
 
-from .shapes import bmv, check
+from .batched import bmv
+from .shapes import check
 from .systems import System
 
 

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from .shapes import alike, bmv, bvmv, bvv, check, join, over_time
+from .batched import bmv, bvmv, bvv
+from .shapes import alike, check, join, over_time
 from .systems import System
 
 
@@ -30,7 +31,7 @@ class Problem(NamedTuple):
     upper: Tensor | None = None
     du: Tensor | None = None  # how far one sweep may change u
 
-    def members(self, rows: Tensor) -> "Problem":
+    def members(self, rows: Tensor | slice) -> "Problem":
         """Returns the problem of some members of a batch ``(B,)``."""
         pick = [z if z is None or z.shape[1] == 1 else z[:, rows] for z in self[2:]]
         return Problem(self.system, self.t, *pick)  # type: ignore[arg-type]

@@ -11,8 +11,9 @@ Chapter 2 derives it.
 import torch
 from torch import Tensor
 
-from .scan import scan, solve_positive
-from .shapes import bmm, bmv, check
+from .batched import bmm, bmv, cat, solve_positive
+from .scan import scan
+from .shapes import check
 
 Box = tuple[Tensor, Tensor]
 
@@ -20,17 +21,17 @@ Box = tuple[Tensor, Tensor]
 def homogeneous_dynamics(A: Tensor, B: Tensor, c: Tensor | None = None) -> Tensor:
     """Returns ``G (..., n+1, m+n+1)`` with ``[A x + B u + c, 1] = G [u, x, 1]``."""
     c = torch.zeros_like(A[..., 0]) if c is None else c
-    top = torch.cat([B, A, c.unsqueeze(-1)], dim=-1)
+    top = cat([B, A, c.unsqueeze(-1)], -1)
     last = torch.zeros_like(top[..., :1, :])
     last[..., -1] = 1
-    return torch.cat([top, last], dim=-2)
+    return cat([top, last], -2)
 
 
 def homogeneous_cost(Q: Tensor, q: Tensor) -> Tensor:
     """Returns ``M (..., k+1, k+1)`` with ``1/2 [w, 1]' M [w, 1] = 1/2 w' Q w + q' w``."""
-    corner = torch.zeros_like(q[..., :1])
-    sides = torch.cat([Q, q.unsqueeze(-2)], dim=-2)
-    return torch.cat([sides, torch.cat([q, corner], dim=-1).unsqueeze(-1)], dim=-1)
+    q = q.unsqueeze(-1)
+    side = cat([q, torch.zeros_like(q[..., :1, :])], -2)
+    return cat([cat([Q, q.mT], -2), side], -1)
 
 
 def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
@@ -64,7 +65,7 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
         return H[..., m:, m:] - bmm(W.mT, W), K, failed  # (4)
     K, failed = _clamped_gains(Huu, Hu, *box)  # (3')
     eye = torch.eye(V.shape[-1], dtype=V.dtype, device=V.device)
-    KI = torch.cat([K, eye.expand(*K.shape[:-2], *eye.shape)], dim=-2)
+    KI = cat([K, eye.expand(*K.shape[:-2], *eye.shape)], -2)
     return bmm(KI.mT, bmm(H, KI)), K, failed  # (4')
 
 
@@ -107,10 +108,10 @@ def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tup
 def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the gains of the inputs that are free while the clamped ones stay ``at``."""
     free = (~clamped).to(Huu.dtype)
-    rest = torch.cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at)).unsqueeze(-1)], dim=-1)
+    rest = cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at)).unsqueeze(-1)], -1)
     held = Huu * free.unsqueeze(-1) * free.unsqueeze(-2) + torch.diag_embed(1 - free)
     K, _, failed = solve_positive(held, -rest * free.unsqueeze(-1))
-    return torch.cat([K[..., :-1], (K[..., -1] + at).unsqueeze(-1)], dim=-1), failed
+    return cat([K[..., :-1], (K[..., -1] + at).unsqueeze(-1)], -1), failed
 
 
 def dlqr(A: Tensor, B: Tensor, Q: Tensor, R: Tensor, steps: int = 60) -> tuple[Tensor, Tensor]:

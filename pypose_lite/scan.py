@@ -1,8 +1,7 @@
-"""Loops over time and solves with small matrices, in a form that torch can compile as well.
+"""Loops over time, in a form that torch can compile as well.
 
-Eager code loops in Python and calls LAPACK. While ``torch.compile`` traces, a loop becomes
-torch's scan, so that compiling does not take longer for a longer horizon, and a solve becomes
-plain arithmetic, which the compiler fuses with what stands around it.
+Eager code loops in Python. While ``torch.compile`` traces, a loop becomes torch's scan, so that
+compiling does not take longer for a longer horizon.
 """
 
 from collections.abc import Callable
@@ -42,60 +41,25 @@ def every(mask: Tensor) -> bool:
     return not torch.compiler.is_compiling() and bool(mask.all())
 
 
-def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns ``H^-1 R``, ``W = L^-1 R`` with ``H = L L'``, and what is not 0 where H is not > 0.
-
-    Half of the way, W, is all that ``R' H^-1 R = W' W`` needs.
-
-    Args:
-        H: symmetric, ``(..., m, m)``.
-        R: ``(..., m, k)``.
-    """
-    if torch.compiler.is_compiling():
-        return _compiled_solve(H, R)
-    L, failed = torch.linalg.cholesky_ex(H)
-    W = torch.linalg.solve_triangular(L, R, upper=False)
-    return torch.linalg.solve_triangular(L.mT, W, upper=True), W, failed
-
-
 def _compiled_scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool):
+    """Torch's scan; the batch, where there is one, comes last in memory, as in `batched.py`.
+
+    What a step returns must not share memory with what it is given.
+    """
     from torch._higher_order_ops.scan import scan as torch_scan
 
-    def cloned(carry, step):  # what a step returns must not share memory with what it is given
-        carry, ys = body(carry, step)
-        return _own(carry), tuple(_own(y) for y in ys)
+    def turned(carry, step):
+        carry, ys = body(_first(carry), tuple(_first(x) for x in step))
+        return _last(carry), tuple(_last(y) for y in ys)
 
-    return torch_scan(cloned, _own(carry), tuple(_own(x) for x in xs), reverse=reverse)
+    carry, ys = torch_scan(turned, _last(carry), tuple(_last(x, 1) for x in xs), reverse=reverse)
+    return _first(carry), tuple(_first(y, 1) for y in ys)
 
 
-def _own(x: Tensor) -> Tensor:
+def _last(x: Tensor, dim: int = 0) -> Tensor:
+    x = x.movedim(dim, -1) if x.ndim > dim else x
     return x.clone(memory_format=torch.contiguous_format)
 
 
-def _compiled_solve(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Cholesky's factor column by column, then both triangular solves, row by row."""
-    m = H.shape[-1]
-    L: dict[tuple[int, int], Tensor] = {}
-    failed = torch.zeros_like(H[..., 0, 0], dtype=torch.int32)
-    for j in range(m):
-        for i in range(j, m):
-            s = H[..., i, j]
-            for k in range(j):
-                s = s - L[i, k] * L[j, k]
-            if i == j:
-                failed = failed + (~(s > 0)).to(torch.int32)
-                s = torch.where(s > 0, s, 1).sqrt()
-            else:
-                s = s / L[j, j]
-            L[i, j] = s
-    rows = [R[..., i, :] for i in range(m)]
-    for i in range(m):
-        for k in range(i):
-            rows[i] = rows[i] - L[i, k][..., None] * rows[k]
-        rows[i] = rows[i] / L[i, i][..., None]
-    W = torch.stack(rows, dim=-2)
-    for i in reversed(range(m)):
-        for k in range(i + 1, m):
-            rows[i] = rows[i] - L[k, i][..., None] * rows[k]
-        rows[i] = rows[i] / L[i, i][..., None]
-    return torch.stack(rows, dim=-2), W, failed
+def _first(x: Tensor, dim: int = 0) -> Tensor:
+    return x.movedim(-1, dim) if x.ndim > dim else x

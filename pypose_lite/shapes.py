@@ -1,4 +1,4 @@
-"""One-line shape contracts, and products of batched matrices and vectors.
+"""One-line shape contracts.
 
 Vectors come last and batches first: a state is ``(..., n)``, a sequence ``(..., T, n)``.
 """
@@ -114,32 +114,6 @@ def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=F
     if bad.any():
         where = tuple(bad.nonzero()[0].tolist())
         raise ValueError(f"{name}: expected finite numbers, got {x[where].item()} at {where}")
-
-
-def bmv(mat: Tensor, vec: Tensor) -> Tensor:
-    """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
-    if torch.compiler.is_compiling():
-        return (mat * vec.unsqueeze(-2)).sum(-1)  # which the compiler fuses
-    if vec.ndim == 1:  # the quick way
-        return mat @ vec
-    return (mat @ vec.unsqueeze(-1)).squeeze(-1)
-
-
-def bmm(lmat: Tensor, rmat: Tensor) -> Tensor:
-    """Batched matrix product: ``(..., n, k), (..., k, m) -> (..., n, m)``."""
-    if torch.compiler.is_compiling():
-        return (lmat.unsqueeze(-1) * rmat.unsqueeze(-3)).sum(-2)
-    return lmat @ rmat
-
-
-def bvv(lvec: Tensor, rvec: Tensor) -> Tensor:
-    """Batched inner product of two vectors: ``(..., n), (..., n) -> (...)``."""
-    return (lvec * rvec).sum(-1)
-
-
-def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
-    """Batched vector times matrix times vector: ``(..., n), (..., n, m), (..., m) -> (...)``."""
-    return bvv(lvec, bmv(mat, rvec))
 
 
 @functools.cache

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
+from .batched import bmv
 from .derivatives import hessian, jacobians
-from .shapes import bmv, check
+from .shapes import check
 
 
 class Linearization(NamedTuple):

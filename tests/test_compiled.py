@@ -78,13 +78,26 @@ def test_single_plans_are_compiled_once_and_go_the_same_way_sweep_by_sweep(once)
         fast.solve(0.1, W[0], W[2], torch.full((6, 2), 1e308))
 
 
-def test_where_the_full_step_does_not_help_the_sweep_in_python_goes_on(g, monkeypatch):
-    """A compiled sweep that never gets anywhere: every step is made in Python."""
-    Q, p = weights(g, 3)
-    slow, fast = pp.MPC(Clockwork(), Q, p, 4), compiled(pp.MPC(Clockwork(), Q, p, 4))
-    monkeypatch.setattr(fast._optimize, "sweep", lambda problem, at, newton, shorter: at)
-    x = draw(g, 5, 2)
-    close(fast.solve(None, x).u, slow.solve(None, x).u)
+def test_members_that_a_full_step_misleads_try_shorter_ones(monkeypatch):
+    """The way is that of Python, sweep by sweep; here the compiled sweep is Python's, too."""
+    W = infinity.waypoints(torch.float64)
+    x, target = W[[0, 0, 3, 8, 5, 4]], W[[2, 4, 9, 1, 5, 14]]
+    slow, fast = (infinity.controller(T=6, dtype=torch.float64) for _ in range(2))
+    fast = compiled(fast)
+    lengths = []
+
+    def sweep(problem, at, newton, length):
+        lengths.append(length)
+        return improve(problem, at, newton, length)
+
+    monkeypatch.setattr(fast._optimize, "sweep", sweep)
+    monkeypatch.setattr("pypose_lite.compiled.AT_ONCE", 4)
+    plans = [mpc.solve(0.1, x, target) for mpc in (slow, fast)]
+    assert (plans[0].iterations == plans[1].iterations).all() and plans[1].converged.all()
+    close(plans[1].history, plans[0].history, 1e-9)
+    close(plans[1].u, plans[0].u, 1e-7)
+    assert {len(length) for length in lengths} >= {3}, "a batch comes in equal shares"
+    assert torch.cat(lengths).min() < 1, "none had to try a shorter step"
 
 
 PULL, SHAPE = 1.0, torch.sin

@@ -3,7 +3,8 @@
 import torch
 from torch import Tensor
 
-from ..shapes import bmv, check
+from ..batched import bmv
+from ..shapes import check
 from .base import GaussianFilter
 
 

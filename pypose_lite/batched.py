@@ -16,7 +16,7 @@ MANY, SMALL = 256, 8  # rows are quicker for so many members or more, with so ma
 
 def bmv(mat: Tensor, vec: Tensor) -> Tensor:
     """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
-    if _many(vec, 1):
+    if torch.compiler.is_compiling():
         return _in_rows(lambda A, b: _dot(A, b.unsqueeze(-3), -2), 1, (mat, 2), (vec, 1))
     if vec.ndim == 1:  # the quick way
         return mat @ vec
@@ -80,7 +80,7 @@ def _dot(a: Tensor, b: Tensor, dim: int) -> Tensor:
     """Returns the sum of ``a * b`` over a dimension; their product is too large to be written."""
     if torch.compiler.is_compiling():
         return (a * b).sum(dim)
-    (first, second), *pairs = zip(a.unbind(dim), b.unbind(dim))
+    (first, second), *pairs = zip(a.unbind(dim), b.unbind(dim), strict=True)
     total = first * second
     for pair in pairs:
         total.addcmul_(*pair)

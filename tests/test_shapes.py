@@ -4,7 +4,6 @@ import pytest
 import torch
 from oracles import close, draw
 
-import pypose_lite as pp
 from pypose_lite.shapes import alike, check, join, over_time
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -125,11 +124,3 @@ def test_what_may_be_a_batch_or_steps_is_refused_and_what_the_error_advises_work
     close(over_time("Q", steps, (2, 2), 4, batch).reshape(4, 2, 2), value, 0)
     members = value.expand(*batch[:-1], 4, 2, 2).unsqueeze(-3)
     close(over_time("Q", members, (2, 2), 4, batch)[0], members.squeeze(-3), 0)
-
-
-@pytest.mark.parametrize("lead", [(), (3,), (2, 1)], ids=str)
-def test_batched_products_are_einsums(g, lead):
-    M, x, y = draw(g, 3, 2, 4), draw(g, *lead, 3, 4), draw(g, *lead, 3, 2)
-    close(pp.bmv(M, x), torch.einsum("bij,...bj->...bi", M, x))
-    close(pp.bvv(x, x), torch.einsum("...i,...i->...", x, x))
-    close(pp.bvmv(y, M, x), torch.einsum("...bi,bij,...bj->...b", y, M, x))

@@ -6,7 +6,7 @@ for every member, ``(..., n, B)``, and a product is plain arithmetic on such row
 member, and vector instructions all the way.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -44,7 +44,7 @@ def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
     return bvv(lvec, bmv(mat, rvec))
 
 
-def cat(parts: Sequence[Tensor], dim: int, core: int = 2) -> Tensor:
+def cat(parts: list[Tensor] | tuple[Tensor, ...], dim: int, core: int = 2) -> Tensor:
     """Returns parts of matrices, or of what has so many dimensions of its own, put together."""
     if not _many(parts[0], core):
         return torch.cat(parts, dim)

@@ -1,9 +1,10 @@
 """Sweeps of iLQR compiled by torch: the same answer, several times faster.
 
-The loops over time become torch's scan and the small matrices plain arithmetic (`scan.py`). Of a
-single plan all sweeps are one compiled loop, too, and Python is called once. Of a batch each sweep
-is a call, so that members that have converged drop out; it takes full steps after one Riccati run,
-and members whom that leads nowhere are swept in Python.
+The loops over time become torch's scan (`scan.py`) and the small matrices plain arithmetic, many
+members at a time (`batched.py`). Of a single plan all sweeps are one compiled loop, too, and Python
+is called once. Of a batch each sweep is a call, so that members that have converged drop out; it
+takes full steps after one Riccati run, and members whom that leads nowhere are swept once more,
+by steps of all lengths.
 """
 
 import math
@@ -17,7 +18,7 @@ from torch import Tensor
 from .ilqr import STEPS, SWEEPS, Iterate, Solution, apart, first, follow, improve, optimize, start
 from .problem import Problem
 
-AT_ONCE = 1024  # members of a batch in a call
+AT_ONCE = 1024  # members in a call: what they need fits the cache of a processor
 OPTIONS: dict[str, Any] = {
     "size_asserts": False,
     "alignment_asserts": False,
@@ -27,7 +28,7 @@ OPTIONS: dict[str, Any] = {
     "cpp_wrapper": True,  # loops are C++, too
     "inplace_buffers": False,  # else a loop's result is declared twice there
 }
-SINGLE = {"cpp.simdlen": 1}  # vectors are too short to gain by SIMD, and compile for longer
+SINGLE: dict[str, Any] = {"cpp.simdlen": 1}  # vectors too short for SIMD only compile for longer
 
 
 class CompiledOptimizer:
@@ -39,10 +40,9 @@ class CompiledOptimizer:
 
     def __init__(self, **options):
         options = OPTIONS | {"guard_filter_fn": _guards} | options
+        single = SINGLE | options  # torch takes options out of what it is given
         self.sweep = torch.compile(improve, fullgraph=True, options=options)
-        self.sweeps = torch.compile(
-            improve_all, fullgraph=True, dynamic=False, options=options | SINGLE
-        )
+        self.sweeps = torch.compile(improve_all, fullgraph=True, dynamic=False, options=single)
         self.trusted: set[tuple] = set()
 
     def __call__(self, problem: Problem, x_init: Tensor, U: Tensor, stepper=None) -> Solution:
@@ -216,4 +216,9 @@ def _guards(entries) -> list[bool]:
     def package(name: str) -> str:  # G['__import_torch_dot_func'].vjp is of torch
         return name.removeprefix("G['").split("'")[0].removeprefix("__import_").split("_dot_")[0]
 
-    return [not (e.is_global and package(e.name) in fixed) for e in entries]
+    def may_change(entry) -> bool:
+        if entry.is_global:
+            return package(entry.name) not in fixed
+        return "__import__('torch')" not in entry.name
+
+    return [may_change(entry) for entry in entries]

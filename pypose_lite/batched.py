@@ -18,7 +18,7 @@ def bmv(mat: Tensor, vec: Tensor) -> Tensor:
     """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
     if torch.compiler.is_compiling():
         return _in_rows(lambda A, b: _dot(A, b.unsqueeze(-3), -2), 1, (mat, 2), (vec, 1))
-    if vec.ndim == 1:  # the quick way
+    if vec.ndim == 1:  # the quick way; rows would not be quicker, as with matrices
         return mat @ vec
     return (mat @ vec.unsqueeze(-1)).squeeze(-1)
 
@@ -68,16 +68,24 @@ def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return torch.linalg.solve_triangular(L.mT, W, upper=True), W, failed
 
 
-def copied(z: Tensor, core: int) -> Tensor:
-    """Returns a copy of ``(..., *core)``, of so many dimensions, as it is read most quickly."""
-    layout = torch.contiguous_format
-    if not _many(z, core):
-        return z.clone(memory_format=layout)
-    return _in_rows(lambda rows: rows.clone(memory_format=layout), core, (z, core))
+def settled(z: Tensor, core: int) -> Tensor:
+    """Returns ``(..., *core)``, of so many dimensions, in rows where those are quicker."""
+    return from_rows(to_rows(z, -core - 1), -core - 1) if _many(z, core) else z
+
+
+def to_rows(z: Tensor, batch: int) -> Tensor:
+    """Returns a copy whose dimension ``batch``, where there is one, has come last."""
+    z = z.movedim(batch, -1) if -z.ndim <= batch < z.ndim else z
+    return z.clone(memory_format=torch.contiguous_format)
+
+
+def from_rows(z: Tensor, batch: int) -> Tensor:
+    """Returns what :func:`to_rows` was given; it stays where it lies."""
+    return z.movedim(-1, batch) if -z.ndim <= batch < z.ndim else z
 
 
 def _dot(a: Tensor, b: Tensor, dim: int) -> Tensor:
-    """Returns the sum of ``a * b`` over a dimension; their product is too large to be written."""
+    """Returns the sum of ``a * b`` over a dimension, without ever writing all of ``a * b``."""
     if torch.compiler.is_compiling():
         return (a * b).sum(dim)
     (first, second), *pairs = zip(a.unbind(dim), b.unbind(dim), strict=True)

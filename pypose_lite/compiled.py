@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from .batched import from_rows, to_rows
 from .ilqr import STEPS, SWEEPS, Iterate, Solution, apart, first, follow, improve, optimize, start
 from .problem import Problem
 
@@ -183,15 +184,15 @@ def _unmoved(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:
 
 
 def _owned(problem: Problem, at: Iterate) -> tuple[Problem, Iterate]:
-    """Returns copies that lie in rows of the batch; the compiler tells tensors apart by that."""
-    tensors = [z if z is None else _own(z) for z in problem[2:]]
-    return Problem(*problem[:2], *tensors), Iterate(*map(_own, at))  # type: ignore[arg-type]
+    """Returns copies, a batch's in rows; the compiler tells tensors apart by how they lie."""
 
+    def own(z: Tensor) -> Tensor:
+        if at.cost.ndim == 0:
+            return z.clone(memory_format=torch.contiguous_format)
+        return from_rows(to_rows(z, 1), 1)
 
-def _own(z: Tensor) -> Tensor:
-    if z.ndim < 3:  # has no batch
-        return z.clone(memory_format=torch.contiguous_format)
-    return z.movedim(1, -1).clone(memory_format=torch.contiguous_format).movedim(-1, 1)
+    tensors = [z if z is None else own(z) for z in problem[2:]]
+    return Problem(*problem[:2], *tensors), Iterate(*map(own, at))  # type: ignore[arg-type]
 
 
 def _any_batch(problem: Problem, at: Iterate, length: Tensor) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from .batched import cat, copied
+from .batched import cat, settled
 
 
 def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tuple[Tensor, ...]:
@@ -88,4 +88,4 @@ def _transformed(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Te
     if y.shape[:-1] != x.shape[:-1]:
         x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
         return _transformed(function, x, u, wrt)
-    return (y, *(copied(j.movedim(0, -2), 2) for j in torch.vmap(pull)(_unit_rows(y))))
+    return (y, *(settled(j.movedim(0, -2), 2) for j in torch.vmap(pull)(_unit_rows(y))))

@@ -88,7 +88,7 @@ class MPC(OptimalControl):
     def compile(self, **options) -> None:
         """Makes later solves faster: their sweeps are compiled when they first run.
 
-        That takes up to a minute for each kind of problem: a single plan or batches of any size,
+        That takes about a minute for each kind of problem: a single plan or batches of any size,
         with bounds or without, and each T, the longest no longer than the others. The plans stay
         the same, and the gradients.
 

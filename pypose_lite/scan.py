@@ -9,6 +9,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from .batched import from_rows, to_rows
+
 
 def scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool = False):
     """Returns the last carry, and what every step gives, stacked with time first.
@@ -42,24 +44,13 @@ def every(mask: Tensor) -> bool:
 
 
 def _compiled_scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool):
-    """Torch's scan; the batch, where there is one, comes last in memory, as in `batched.py`.
-
-    What a step returns must not share memory with what it is given.
-    """
+    """Torch's scan of batches in rows; a step's results share no memory with what it is given."""
     from torch._higher_order_ops.scan import scan as torch_scan
 
     def turned(carry, step):
-        carry, ys = body(_first(carry), tuple(_first(x) for x in step))
-        return _last(carry), tuple(_last(y) for y in ys)
+        carry, ys = body(from_rows(carry, 0), tuple(from_rows(x, 0) for x in step))
+        return to_rows(carry, 0), tuple(to_rows(y, 0) for y in ys)
 
-    carry, ys = torch_scan(turned, _last(carry), tuple(_last(x, 1) for x in xs), reverse=reverse)
-    return _first(carry), tuple(_first(y, 1) for y in ys)
-
-
-def _last(x: Tensor, dim: int = 0) -> Tensor:
-    x = x.movedim(dim, -1) if x.ndim > dim else x
-    return x.clone(memory_format=torch.contiguous_format)
-
-
-def _first(x: Tensor, dim: int = 0) -> Tensor:
-    return x.movedim(-1, dim) if x.ndim > dim else x
+    rows = tuple(to_rows(x, 1) for x in xs)
+    carry, ys = torch_scan(turned, to_rows(carry, 0), rows, reverse=reverse)
+    return from_rows(carry, 0), tuple(from_rows(y, 1) for y in ys)

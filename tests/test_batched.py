@@ -11,10 +11,11 @@ from pypose_lite import batched
 pytestmark = pytest.mark.usefixtures("float64")
 
 
-@pytest.fixture(params=[1, 10**6], ids=["rows", "BLAS"])
+@pytest.fixture(params=["BLAS", "rows", "compiled"])
 def way(request, monkeypatch):
-    """From how many members on a batch is treated as rows."""
-    monkeypatch.setattr(batched, "MANY", request.param)
+    """How a batch is treated; what would be compiled runs in Python here."""
+    monkeypatch.setattr(batched, "MANY", 10**6 if request.param == "BLAS" else 1)
+    monkeypatch.setattr(torch.compiler, "is_compiling", lambda: request.param == "compiled")
 
 
 def positive(g, *lead):
@@ -31,7 +32,7 @@ def test_products_are_einsums(g, way, lead):
     close(pp.bvmv(y, M, x), torch.einsum("...i,...ij,...j->...", y, M, x))
     close(batched.cat([M, M[..., :1]], -1), torch.cat([M, M[..., :1]], -1), 0)
     close(batched.cat([M, M[..., :1, :]], -2), torch.cat([M, M[..., :1, :]], -2), 0)
-    close(batched.copied(M, 2), M, 0)
+    close(batched.settled(M, 2), M, 0)
 
 
 def test_one_matrix_serves_a_whole_batch(g, way):

@@ -23,13 +23,12 @@ AT_ONCE = 1024  # members in a call: what they need fits the cache of a processo
 OPTIONS: dict[str, Any] = {
     "size_asserts": False,
     "alignment_asserts": False,
+    "max_fusion_size": 1000,  # the body of a loop over time is one kernel
     "realize_reads_threshold": 0,  # what is needed twice, such as a sine, is computed once
     "realize_cpu_acc_reads_threshold": 6,  # and so is the product of two matrices
-    "force_pointwise_cat": True,  # and what is put together is so in one pass
     "cpp_wrapper": True,  # loops are C++, too
     "inplace_buffers": False,  # else a loop's result is declared twice there
 }
-SINGLE: dict[str, Any] = {"cpp.simdlen": 1}  # vectors too short for SIMD only compile for longer
 
 
 class CompiledOptimizer:
@@ -40,8 +39,11 @@ class CompiledOptimizer:
     """
 
     def __init__(self, **options):
-        options = OPTIONS | {"guard_filter_fn": _guards} | options
-        single = SINGLE | options  # torch takes options out of what it is given
+        from .entries import Entries, Unallocated  # with torch's compiler, which takes seconds
+
+        passes = {"post_grad_custom_pre_pass": Entries(), "_post_fusion_custom_pass": Unallocated()}
+        options = OPTIONS | passes | {"guard_filter_fn": _guards} | options
+        single = dict(options)  # torch takes options out of what it is given
         self.sweep = torch.compile(improve, fullgraph=True, options=options)
         self.sweeps = torch.compile(improve_all, fullgraph=True, dynamic=False, options=single)
         self.trusted: set[tuple] = set()

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from .batched import bmv, cat
 from .problem import Problem, rollout
-from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .scan import every, scan, some
+from .riccati import homogeneous_cost, homogeneous_dynamics, step_back
+from .scan import Steps, every, some
 
 SWEEPS = 200  # at most
 STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
@@ -40,60 +40,56 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
 
     Several ``steps (S,)`` scale k and are tried at once; they add a dimension after time.
     """
+    limits: list[Tensor] = list(problem.limits(U) or ())
+    t = problem.times(U)
+    if steps is not None:
+        X, U, K, t, *limits = (z.unsqueeze(1) for z in (X, U, K, t, *limits))
+        x_init = x_init.expand(steps.shape[0], *x_init.shape)
+        steps = steps.reshape(-1, *[1] * (U.ndim - 2))
     k, K = K[..., -1], K[..., :-1]
-    if steps is None:
-        aim = U + k
-    else:
-        aim = U.unsqueeze(1) + steps.reshape(-1, *[1] * (U.ndim - 1)) * k.unsqueeze(1)
-        x_init = x_init.expand(len(steps), *x_init.shape)
+    aim = U + (k if steps is None else steps * k)
 
-    def move(x, at):
-        t, K, X, aim, *limits = at
+    def move(x, t, K, X, aim, *limits):
         u = aim + bmv(K, x - X)
         u = torch.clamp(u, *limits) if limits else u
-        return problem.system.transition(x, u, t), (x, u)
+        return (problem.system.transition(x, u, t),), (x, u)
 
-    last, (states, inputs) = scan(
-        move, x_init, (problem.t, K, X[:-1], aim, *(problem.limits(U) or ()))
-    )
+    known = Steps((t, K, X[:-1], aim, *limits), U.ndim - 2)
+    (last,), (states, inputs) = known.scan(move, x_init)
     return torch.cat([states, last[None]]), inputs
 
 
-def model(problem: Problem, X: Tensor, U: Tensor):
-    """Returns ``f, A, B`` and the slope ``q`` and curvature ``Q`` of the cost around a plan."""
-    f, A, B = problem.system.linearize_transition(X[:-1], U, _steps(problem, X))
-    q = problem.slope(X, U)
+def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple[Tensor, ...]:
+    """Returns ``f, A, B`` and the slope ``q`` and curvature ``Q`` of the cost around a plan.
+
+    Of one step, or of all: x, u, t and the problem's tensors are those of the same steps.
+    """
+    f, A, B = problem.system.linearize_transition(x, u, t)
+    q = problem.slope(x, u)
     return f, A, B, q, problem.Q.expand(*q.shape, q.shape[-1])
 
 
-def curvature(problem: Problem, X: Tensor, U: Tensor, A: Tensor, q: Tensor) -> Tensor:
-    """Returns what the dynamics add to the curvature of the total cost, ``(T, ..., m+n, m+n)``.
+def curvature(problem: Problem, x: Tensor, u: Tensor, t: Tensor, l: Tensor) -> Tensor:
+    """Returns what the dynamics add to the curvature of the total cost, ``(..., m+n, m+n)``.
 
     With the costates l this makes Newton's model of Gauss-Newton's:
 
         l_t = dc_t/dx + A_t' l_t+1                                    (1)
         sum_i l_t+1,i  d2 f_i / d[u, x]2                              (2)
     """
-    m = U.shape[-1]
-    curve = problem.system.curve_transition(X[:-1], U, costates(A, q), _steps(problem, X))  # (2)
-    return curve.roll((m, m), (-2, -1))  # from [x, u] to [u, x]
+    m = u.shape[-1]
+    return problem.system.curve_transition(x, u, l, t).roll((m, m), (-2, -1))  # (2), of [x, u]
 
 
 def costates(A: Tensor, q: Tensor) -> Tensor:
     """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
-    n = A.shape[-1]
-
-    def earlier(l, at):
-        A, q = at
-        return q[..., -n:] + bmv(A.mT, l), (l,)  # (1)
-
-    l = torch.zeros_like(A[0, ..., 0] + q[0, ..., -n:])
-    return scan(earlier, l, (A, q), reverse=True)[1][0]
+    l = torch.zeros_like(A[0, ..., 0] + q[0, ..., -A.shape[-1] :])
+    return Steps((A, q), A.ndim - 3, reverse=True).scan(earlier, l)[1][0]
 
 
-def _steps(problem: Problem, X: Tensor) -> Tensor:
-    """Returns the time steps with a dimension for each of the batch."""
-    return problem.t.reshape(-1, *[1] * (X.ndim - 2))
+def earlier(l: Tensor, A: Tensor, q: Tensor, *_: Tensor) -> tuple[tuple[Tensor], tuple[Tensor]]:
+    """Returns the costate one step earlier, and that of this step: the body of a loop."""
+    return (q[..., -l.shape[-1] :] + bmv(A.mT, l),), (l,)  # (1)
 
 
 def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor | None):
@@ -102,21 +98,35 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
     Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
-    _, A, B, q, Q = model(problem, X, U)
-    G = homogeneous_dynamics(A, B)
-    if not every(damping == 0):
-        on_u = (torch.arange(q.shape[-1], device=q.device) < U.shape[-1]).to(q.dtype)
-        Q = Q + torch.diag_embed(damping[..., None] * on_u)
-    newton = Q
+    m, n = U.shape[-1], X.shape[-1]
+    V, l = X.new_zeros(*X.shape[1:-1], n + 1, n + 1), X.new_zeros(X.shape[1:])
+
+    def modelled(x, u, t, Q, p, r, *box):
+        _, A, B, q, Q = model(problem._replace(Q=Q, p=p, r=r), x, u, t)
+        if not every(damping == 0):
+            on_u = (torch.arange(m + n, device=q.device) < m).to(q.dtype)
+            Q = Q + torch.diag_embed(damping[..., None] * on_u)
+        return A, q, B, Q, x, u, t, *box
+
+    def curved(l, A, q, B, Q, x, u, t, *box):
+        where = exact[..., None, None]  # type: ignore[index]
+        return A, q, B, Q + torch.where(where, curvature(problem, x, u, t, l), 0), x, u, t, *box
+
+    def homogeneous(A, q, B, Q, x, u, t, *box):
+        return homogeneous_cost(Q, q), homogeneous_dynamics(A, B), *box
+
+    plan = (X[:-1], U, problem.times(U), problem.Q, problem.p, problem.r, *(problem.box(U) or ()))
+    gauss = newton = Steps(plan, U.ndim - 2, reverse=True).map(modelled)
     if exact is not None:
-        newton = Q + torch.where(exact[..., None, None], curvature(problem, X, U, A, q), 0)
-    K, V, failed = riccati(homogeneous_cost(newton, q), G, problem.box(U))
-    failed = failed.amax(0) > 0
+        newton = gauss.accumulate(earlier, l).map(curved)
+    (V1,), (K, failed) = newton.map(homogeneous).scan(step_back, V)
+    gain, failed = V1[..., -1, -1] / 2, failed.amax(0) > 0
     if exact is not None and some(failed):
-        K2, V2, failed2 = riccati(homogeneous_cost(Q, q), G, problem.box(U))
-        K, V = (torch.where(failed[..., None, None], new, old) for new, old in ((K2, K), (V2, V)))
+        (V2,), (K2, failed2) = gauss.map(homogeneous).scan(step_back, V)
+        K = torch.where(failed[..., None, None], K2, K)
+        gain = torch.where(failed, V2[..., -1, -1] / 2, gain)
         failed = failed & (failed2.amax(0) > 0)
-    return K, V[..., -1, -1] / 2, failed
+    return K, gain, failed
 
 
 def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, step=None):

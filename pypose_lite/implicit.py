@@ -33,7 +33,7 @@ def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solu
     """
     X, U = solution.X, solution.U
     with torch.no_grad():
-        _, A, B, q, _ = model(problem, X, U)
+        _, A, B, q, _ = model(problem, X[:-1], U, problem.times(U))
         now, later = q[..., : U.shape[-1]], bmv(B.mT, costates(A, q))
         push = now + later
         low = torch.zeros_like(U) if problem.lower is None else (U <= problem.lower) & (push > 0)
@@ -86,8 +86,9 @@ def newton_step(problem: Problem, X: Tensor, U: Tensor, v: Tensor, clamped: Tens
     Raises:
         RuntimeError: where H is not positive definite: the plan is no strict minimum.
     """
-    _, A, B, q, Q = model(problem, X, U)
-    Q = Q + curvature(problem, X, U, A, q)
+    x, t = X[:-1], problem.times(U)
+    _, A, B, q, Q = model(problem, x, U, t)
+    Q = Q + curvature(problem, x, U, t, costates(A, q))
     none = torch.zeros_like(q[..., U.shape[-1] :])
     box = (torch.where(clamped, 0.0, -torch.inf).to(v), torch.where(clamped, 0.0, torch.inf).to(v))
     M = homogeneous_cost(Q, torch.cat([v, none], dim=-1))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from .batched import bmv, bvmv, bvv
+from .batched import bmv, bvmv, bvv, cat
 from .shapes import alike, check, join, over_time
 from .systems import System
 
@@ -35,6 +35,10 @@ class Problem(NamedTuple):
         """Returns the problem of some members of a batch ``(B,)``."""
         pick = [z if z is None or z.shape[1] == 1 else z[:, rows] for z in self[2:]]
         return Problem(self.system, self.t, *pick)  # type: ignore[arg-type]
+
+    def times(self, U: Tensor) -> Tensor:
+        """Returns the time steps with a dimension for each of U's batch, ``(T, 1, ..)``."""
+        return self.t.reshape(-1, *[1] * (U.ndim - 2))
 
     def limits(self, U: Tensor) -> tuple[Tensor, Tensor] | None:
         """Returns the least and the largest inputs that a sweep from U may choose, or None."""
@@ -80,9 +84,9 @@ class Problem(NamedTuple):
         if self.du is not None and not (self.du > 0).all():
             raise ValueError("du: expected a positive change")
 
-    def slope(self, X: Tensor, U: Tensor) -> Tensor:
-        """Returns the derivative of each step's cost in ``[u, x]``, ``(T, ..., m+n)``."""
-        return bmv(self.Q, torch.cat([U, X[:-1]], dim=-1) - self.r) + self.p
+    def slope(self, x: Tensor, u: Tensor) -> Tensor:
+        """Returns the derivative of each step's cost in ``[u, x]``, ``(..., m+n)``."""
+        return bmv(self.Q, cat([u, x], -1, 1) - self.r) + self.p
 
 
 def rollout(problem: Problem, x_init: Tensor, U: Tensor) -> Tensor:

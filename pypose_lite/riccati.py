@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from .batched import bmm, bmv, cat, solve_positive
-from .scan import scan
+from .scan import Steps
 from .shapes import check
 
 Box = tuple[Tensor, Tensor]
@@ -78,15 +78,16 @@ def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
         box: bounds, ``(T, ..., m)`` each, or None.
     """
     batch = torch.broadcast_shapes(M.shape[1:-2], G.shape[1:-2])
-
-    def step(V, at):
-        M, G, *bounds = at
-        V, *rest = riccati_step(V, M, G, (bounds[0], bounds[1]) if bounds else None)
-        return V, tuple(rest)
-
     V = G.new_zeros(*batch, G.shape[-2], G.shape[-2])
-    V, (K, failed) = scan(step, V, (M, G, *(box or ())), reverse=True)
+    steps = Steps((M, G, *(box or ())), len(batch), reverse=True)
+    (V,), (K, failed) = steps.scan(step_back, V)
     return K, V, failed
+
+
+def step_back(V: Tensor, M: Tensor, G: Tensor, *box: Tensor) -> tuple[tuple[Tensor, ...], ...]:
+    """Returns :func:`riccati_step` as the body of a loop: V goes on, the rest stays."""
+    V, *rest = riccati_step(V, M, G, (box[0], box[1]) if box else None)
+    return (V,), tuple(rest)
 
 
 def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:

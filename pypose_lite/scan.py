@@ -1,36 +1,56 @@
 """Loops over time, in a form that torch can compile as well.
 
-Eager code loops in Python. While ``torch.compile`` traces, a loop becomes torch's scan, so that
-compiling does not take longer for a longer horizon.
+Python loops over the steps, and does for all of them at once what needs no loop. While
+``torch.compile`` traces, everything becomes the body of one loop, torch's scan: compiling does not
+take longer for a longer horizon, and what only the next line needs is never written to memory.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from .batched import from_rows, to_rows
+from .batched import to_rows
+
+Tensors = tuple[Tensor, ...]
 
 
-def scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool = False):
-    """Returns the last carry, and what every step gives, stacked with time first.
+class Steps(NamedTuple):
+    """What is known of every time step: sequences ``(T, *batch, ...)``.
 
-    ``carry, ys_t = body(carry, xs_t)`` for each t, from the last to the first where ``reverse``.
-
-    Args:
-        body: one step; ``xs_t`` and ``ys_t`` are tuples of tensors.
-        carry: what goes from step to step; its shape stays.
-        xs: sequences ``(T, ...)``.
-        reverse: the direction.
+    A function gets a step as ``f(*known_t)``; the body of a loop gets ``body(*carry, *known_t)``
+    and returns the next carry and what else it gives, both tuples. What is known may have a batch
+    of 1 in place of the batch.
     """
-    if torch.compiler.is_compiling():
-        return _compiled_scan(body, carry, xs, reverse)
-    steps = list(zip(*(x.unbind(0) for x in xs)))
-    ys = []
-    for step in reversed(steps) if reverse else steps:
-        carry, y = body(carry, step)
-        ys.append(y)
-    return carry, tuple(torch.stack(y) for y in zip(*(ys[::-1] if reverse else ys)))
+
+    known: Tensors
+    batch: int  # its dimensions
+    reverse: bool = False  # whether loops run from the last step to the first
+    todo: tuple[tuple[Callable, Tensors | None], ...] = ()  # while torch compiles
+
+    def map(self, function: Callable) -> "Steps":
+        """Returns ``function`` of each step; its results are all that is known then."""
+        if torch.compiler.is_compiling():
+            return self._replace(todo=(*self.todo, (function, None)))
+        return self._replace(known=function(*self.known))
+
+    def accumulate(self, body: Callable, *carry: Tensor) -> "Steps":
+        """Returns the steps of which is known, too, and first, what a loop's body gives."""
+        if torch.compiler.is_compiling():
+            return self._replace(todo=(*self.todo, (body, carry)))
+        return self._replace(known=(*self.scan(body, *carry)[1], *self.known))
+
+    def scan(self, body: Callable, *carry: Tensor) -> tuple[Tensors, Tensors]:
+        """Returns the last carry, and what a loop's body gives, ``(T, ...)`` each."""
+        if torch.compiler.is_compiling():
+            return _compiled(self._replace(todo=(*self.todo, (body, carry))))
+        steps = list(zip(*(z.unbind(0) for z in self.known)))
+        given = []
+        for known in reversed(steps) if self.reverse else steps:
+            carry, ys = body(*carry, *known)
+            given.append(ys)
+        return carry, tuple(torch.stack(y) for y in zip(*(given[::-1] if self.reverse else given)))
 
 
 def some(mask: Tensor) -> bool:
@@ -43,14 +63,57 @@ def every(mask: Tensor) -> bool:
     return not torch.compiler.is_compiling() and bool(mask.all())
 
 
-def _compiled_scan(body: Callable, carry: Tensor, xs: tuple[Tensor, ...], reverse: bool):
-    """Torch's scan of batches in rows; a step's results share no memory with what it is given."""
+def _compiled(steps: Steps) -> tuple[Tensors, Tensors]:
+    """All that is to do, as one loop over few tensors: each costs time in every round."""
     from torch._higher_order_ops.scan import scan as torch_scan
 
-    def turned(carry, step):
-        carry, ys = body(from_rows(carry, 0), tuple(from_rows(x, 0) for x in step))
-        return to_rows(carry, 0), tuple(to_rows(y, 0) for y in ys)
+    batch, todo = steps.batch, steps.todo
+    known = [z.flip(0) if steps.reverse else z for z in steps.known]
+    carries = [z for _, carry in todo for z in carry or ()]
+    known_rows, carry_rows = _Rows(known, 1, batch), _Rows(carries, 0, batch)
 
-    rows = tuple(to_rows(x, 1) for x in xs)
-    carry, ys = torch_scan(turned, to_rows(carry, 0), rows, reverse=reverse)
-    return from_rows(carry, 0), tuple(from_rows(y, 1) for y in ys)
+    def step(rows, at):
+        old, at = carry_rows.apart(rows), known_rows.apart(at)
+        new: Tensors = ()
+        ys: Tensors = ()
+        for function, carry in todo:
+            if carry is None:
+                at = function(*at)
+            else:
+                mine, ys = function(*old[: len(carry)], *at)
+                old, new, at = old[len(carry) :], (*new, *mine), (*ys, *at)
+        return carry_rows.together(new, 0), [to_rows(y, 0 if batch else y.ndim) for y in ys]
+
+    rows, ys = torch_scan(step, carry_rows.together(carries, 0), known_rows.together(known, 1))
+    ys = [y.flip(0) if steps.reverse else y for y in ys]
+    last = carry_rows.apart(rows)[-len(todo[-1][1] or ()) :]
+    return tuple(last), tuple(y.movedim(-1, 1) if batch else y for y in ys)
+
+
+class _Rows:
+    """How tensors lie in few, ``(entries, batch)``: one for each type and size of the batch.
+
+    They are like ``zs``, which have ``lead`` dimensions before those of the batch.
+    """
+
+    def __init__(self, zs: list[Tensor], lead: int, batch: int):
+        kinds: dict[Any, list[tuple[int, torch.Size]]] = {}
+        for i, z in enumerate(zs):
+            kind = z.dtype, batch and z.shape[lead] == 1
+            kinds.setdefault(kind, []).append((i, z.shape[lead + batch :]))
+        self.kinds, self.batch = list(kinds.values()), batch
+
+    def together(self, zs: Sequence[Tensor], lead: int) -> list[Tensor]:
+        """Returns the rows of tensors, after their ``lead`` dimensions."""
+        rows = [to_rows(z, lead) if self.batch else z.unsqueeze(-1) for z in zs]
+        rows = [z.reshape(*z.shape[:lead], -1, z.shape[-1]) for z in rows]
+        return [torch.cat([rows[i] for i, _ in kind], lead) for kind in self.kinds]
+
+    def apart(self, rows: list[Tensor]) -> list[Tensor]:
+        """Returns the tensors that some rows are, ``(*batch, ...)``."""
+        zs: dict[int, Tensor] = {}
+        for one, kind in zip(rows, self.kinds):
+            for (i, shape), z in zip(kind, one.split([shape.numel() for _, shape in kind])):
+                z = z.reshape(*shape, z.shape[-1])
+                zs[i] = z.movedim(-1, 0) if self.batch else z.squeeze(-1)
+        return [zs[i] for i in range(len(zs))]

@@ -225,8 +225,8 @@ claim("never_rises", (costs.diff() <= 0).all(), equals=True)
 #
 # The paper's line `mpc = pp.module.MPC(car, Q, p, T)` stands in the first cell. `mpc.solve` also
 # says whether a plan has converged, after how many sweeps, and what it cost after each. Below is
-# its sweep, whole. `model` is our step 1, `riccati` our step 2; `damping` and `exact` come in a
-# moment.
+# its sweep, whole: what is done at each step, then the order. `modelled` is our step 1, `back` our
+# step 2, from the last time step to the first; `damping` and `exact` come in a moment.
 #
 # **Predict.** Each sweep by hand leaves about a twentieth of the gap to the best cost. When is the
 # library's gap below $10^{-10}$: as late as ours, some sweeps earlier, or ten times earlier?
@@ -261,7 +261,7 @@ claim("sweeps_of_library", (theirs > 1e-10).sum(), below=9)
 # </details>
 #
 # Most of a sweep's time is Python's. Who plans more than a lap may call `mpc.compile()` first: it
-# spends about a minute on the first plan, and the others come several times faster
+# spends a minute or two on the first plan, and the others come about ten times faster
 # ([Speed](benchmarks.md)).
 
 # %% [markdown]

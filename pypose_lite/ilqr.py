@@ -12,7 +12,7 @@ from torch import Tensor
 
 from .batched import bmv, cat
 from .problem import Problem, rollout
-from .riccati import homogeneous_cost, homogeneous_dynamics, step_back
+from .riccati import homogeneous_cost, homogeneous_dynamics, riccati_step
 from .scan import Steps, every, some
 
 SWEEPS = 200  # at most
@@ -98,34 +98,39 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
     Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
-    m, n = U.shape[-1], X.shape[-1]
-    V, l = X.new_zeros(*X.shape[1:-1], n + 1, n + 1), X.new_zeros(X.shape[1:])
+    m, n, batch = U.shape[-1], X.shape[-1], X.shape[1:-1]
+    l, V, zero = X.new_zeros(X.shape[1:]), X.new_zeros(*batch, n + 1, n + 1), X.new_zeros(batch)
 
-    def modelled(x, u, t, Q, p, r, *box):
+    def modelled(x, u, t, Q, p, r, damping, exact, *box):  # the LQR around the plan
         _, A, B, q, Q = model(problem._replace(Q=Q, p=p, r=r), x, u, t)
         if not every(damping == 0):
             on_u = (torch.arange(m + n, device=q.device) < m).to(q.dtype)
             Q = Q + torch.diag_embed(damping[..., None] * on_u)
-        return A, q, B, Q, x, u, t, *box
+        return A, q, B, Q, x, u, t, exact, *box
 
-    def curved(l, A, q, B, Q, x, u, t, *box):
-        where = exact[..., None, None]  # type: ignore[index]
-        return A, q, B, Q + torch.where(where, curvature(problem, x, u, t, l), 0), x, u, t, *box
+    def curved(l, A, q, B, Q, x, u, t, exact, *box):  # after the costates: Newton's model of it
+        curve = torch.where(exact[..., None, None] > 0, curvature(problem, x, u, t, l), 0)
+        return A, q, B, Q + curve, x, u, t, exact, *box
 
-    def homogeneous(A, q, B, Q, x, u, t, *box):
+    def homogeneous(A, q, B, Q, x, u, t, exact, *box):
         return homogeneous_cost(Q, q), homogeneous_dynamics(A, B), *box
 
-    plan = (X[:-1], U, problem.times(U), problem.Q, problem.p, problem.r, *(problem.box(U) or ()))
-    gauss = newton = Steps(plan, U.ndim - 2, reverse=True).map(modelled)
-    if exact is not None:
-        newton = gauss.accumulate(earlier, l).map(curved)
-    (V1,), (K, failed) = newton.map(homogeneous).scan(step_back, V)
-    gain, failed = V1[..., -1, -1] / 2, failed.amax(0) > 0
+    def back(V, failed, M, G, *box):
+        V, K, now = riccati_step(V, M, G, box or None)
+        return (V, failed + now), (K,)
+
+    given = X[:-1], U, problem.times(U), problem.Q, problem.p, problem.r
+    flags = (z.expand(len(U), *batch) for z in (damping, zero if exact is None else exact.to(X)))
+    steps = Steps((*given, *flags, *(problem.box(U) or ())), len(batch), reverse=True)
+    gauss = steps.map(modelled)
+    newton = gauss if exact is None else gauss.accumulate(earlier, l).map(curved)
+    (V1, failed), (K,) = newton.map(homogeneous).scan(back, V, zero)
+    gain, failed = V1[..., -1, -1] / 2, failed > 0
     if exact is not None and some(failed):
-        (V2,), (K2, failed2) = gauss.map(homogeneous).scan(step_back, V)
+        (V2, failed2), (K2,) = gauss.map(homogeneous).scan(back, V, zero)
         K = torch.where(failed[..., None, None], K2, K)
         gain = torch.where(failed, V2[..., -1, -1] / 2, gain)
-        failed = failed & (failed2.amax(0) > 0)
+        failed = failed & (failed2 > 0)
     return K, gain, failed
 
 

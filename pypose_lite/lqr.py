@@ -48,7 +48,7 @@ class LQR(OptimalControl):
             ValueError: for arguments that do not fit, a rollout that diverges, or a cost that has
                 no minimum.
         """
-        problem, x_init, U = self._pose(x_init, dt, u_traj, u_lower, u_upper, du)
+        problem, x_init, U, graph = self._pose(x_init, dt, u_traj, u_lower, u_upper, du)
         U = problem.clip(U)
         if problem.box(U) is None:
             X, U = _nominal(problem, x_init, U)
@@ -60,7 +60,7 @@ class LQR(OptimalControl):
             solution = optimize(problem, x_init, U)
             if not solution.converged.all():
                 warnings.warn("the bounded plan has not converged in 200 sweeps", stacklevel=2)
-            if torch.is_grad_enabled() and problem.requires_grad(x_init):
+            if graph and torch.is_grad_enabled():
                 solution = differentiable(problem, x_init, solution)
             X, U, cost = solution.X, solution.U, solution.cost
         return X.movedim(0, -2), U.movedim(0, -2), cost
@@ -71,7 +71,7 @@ class LQR(OptimalControl):
         The plan is ``u = u_traj + K (x - x_traj) + k``, where ``x_traj`` follows from ``u_traj``;
         for a linear system ``x_traj`` and ``u_traj`` are zero, so that ``u = K x + k``.
         """
-        problem, x_init, U = self._pose(x_init, dt, u_traj, None, None, None)
+        problem, x_init, U, _ = self._pose(x_init, dt, u_traj, None, None, None)
         gains = _gains(problem, *_nominal(problem, x_init, U)).movedim(0, -3)
         return gains[..., :-1], gains[..., -1]
 

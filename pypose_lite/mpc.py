@@ -78,9 +78,9 @@ class MPC(OptimalControl):
         Raises:
             ValueError: for arguments that do not fit, or a rollout of u_init that diverges.
         """
-        problem, x_init, U = self._pose(x_init, dt, u_init, u_lower, u_upper, du, target)
+        problem, x_init, U, graph = self._pose(x_init, dt, u_init, u_lower, u_upper, du, target)
         solution = self._optimize(problem, x_init, U, self._fresh_stepper())
-        if torch.is_grad_enabled() and problem.requires_grad(x_init):
+        if graph and torch.is_grad_enabled():
             solution = differentiable(problem, x_init, solution)
         X, U, *rest = solution
         return Plan(X.movedim(0, -2), U.movedim(0, -2), *rest)
@@ -88,7 +88,7 @@ class MPC(OptimalControl):
     def compile(self, **options) -> None:
         """Makes later solves faster: their sweeps are compiled when they first run.
 
-        That takes about a minute for each kind of problem: a single plan or batches of any size,
+        That takes a minute or two for each kind of problem: a single plan or batches of any size,
         with bounds or without, and each T, the longest no longer than the others. The plans stay
         the same, and the gradients.
 

@@ -70,11 +70,6 @@ class Problem(NamedTuple):
         z = torch.cat([U, X[:-1]], dim=-1)
         return (bvmv(z - self.r, self.Q, z - self.r) / 2 + bvv(self.p, z)).sum(0)
 
-    def requires_grad(self, x_init: Tensor) -> bool:
-        """Returns whether x_init, the weights, the bounds or the system may want a gradient."""
-        step = self.system.transition(x_init, self.r[0, ..., : -x_init.shape[-1]], self.t[0])
-        return any(z is not None and z.requires_grad for z in (step, *self[2:]))
-
     def check(self, m: int) -> None:
         """Raises ValueError where there is nothing to minimise over m inputs."""
         if torch.linalg.cholesky_ex(self.Q[..., :m, :m].detach()).info.any():
@@ -130,21 +125,25 @@ class OptimalControl(nn.Module):
                 self.register_buffer(name, value)
 
     def _pose(self, x_init, dt, u_init, u_lower, u_upper, du, target=None):
-        """Returns the problem, x_init and the inputs to start from: checked, time first."""
+        """Returns the problem, x_init and the inputs to start from: checked, time first.
+
+        The fourth result is whether x_init, the weights, the bounds or the system want a gradient.
+        """
         n, m = self._sizes(x_init)
         k, none = n + m, x_init.new_zeros(n + m)
         names = ("Q", "p", "target", "u_lower", "u_upper", "du", self.start)
         for name, value in zip(names[:3] + names[-1:], (self.Q, self.p, target, u_init)):
             alike(name, value, x_init)
         check_step(self.system, dt)
-        batch = tuple(self.system.transition(x_init, none[n:]).shape[:-1])
+        moved = self.system.transition(x_init, none[n:])
+        batch = tuple(moved.shape[:-1])
 
         def timed(name, value, *sizes):
             return None if value is None else over_time(name, value, sizes, self.T, batch)
 
         tensors = [
-            timed("Q", (self.Q + self.Q.mT) / 2, k, k).roll((m, m), (-2, -1)),
-            timed("p", none if self.p is None else self.p, k).roll(m, -1),
+            timed("Q", ((self.Q + self.Q.mT) / 2).roll((m, m), (-2, -1)), k, k),
+            timed("p", none if self.p is None else self.p.roll(m, -1), k),
             _reference(target, x_init, m, self.T),
             timed("u_lower", _bound("u_lower", u_lower, x_init, m), m),
             timed("u_upper", _bound("u_upper", u_upper, x_init, m), m),
@@ -159,7 +158,8 @@ class OptimalControl(nn.Module):
         problem = Problem(self.system, t, *parts)
         problem.check(m)
         x_init = x_init.clone()  # of x[i], where a loop writes x[i+1] beside it
-        return problem, x_init.expand(*batch, n), U.expand(self.T, *batch, m)
+        graph = any(z is not None and z.requires_grad for z in (moved, *parts))
+        return problem, x_init.expand(*batch, n), U.expand(self.T, *batch, m), graph
 
     def _sizes(self, x_init: Tensor) -> tuple[int, int]:
         """Returns n and m, of which Q has to be made."""

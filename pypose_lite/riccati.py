@@ -79,15 +79,14 @@ def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
     """
     batch = torch.broadcast_shapes(M.shape[1:-2], G.shape[1:-2])
     V = G.new_zeros(*batch, G.shape[-2], G.shape[-2])
+
+    def back(V, M, G, *box):
+        V, *rest = riccati_step(V, M, G, box or None)
+        return (V,), tuple(rest)
+
     steps = Steps((M, G, *(box or ())), len(batch), reverse=True)
-    (V,), (K, failed) = steps.scan(step_back, V)
+    (V,), (K, failed) = steps.scan(back, V)
     return K, V, failed
-
-
-def step_back(V: Tensor, M: Tensor, G: Tensor, *box: Tensor) -> tuple[tuple[Tensor, ...], ...]:
-    """Returns :func:`riccati_step` as the body of a loop: V goes on, the rest stays."""
-    V, *rest = riccati_step(V, M, G, (box[0], box[1]) if box else None)
-    return (V,), tuple(rest)
 
 
 def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:

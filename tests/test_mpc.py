@@ -118,7 +118,7 @@ def test_the_cost_never_rises_where_plain_sweeps_raise_it():
 def test_a_shorter_step_shortens_the_change_and_not_the_feedback(g):
     """Several lengths at once, on a batch: each as by hand."""
     mpc, x = pp.MPC(Clockwork().reset(1), torch.eye(3), None, 4), draw(g, 3, 2)
-    problem, x_init, U = mpc._pose(x, None, draw(g, 3, 4, 1), None, None, None)
+    problem, x_init, U, _ = mpc._pose(x, None, draw(g, 3, 4, 1), None, None, None)
     X, K = ilqr.rollout(problem, x_init, U), draw(g, 4, 3, 1, 3)
     lengths = torch.tensor([1.0, 0.3])
     Xs, Us = ilqr.follow(problem, x_init, X, U, K, lengths)

@@ -27,7 +27,8 @@ from torch.fx import Graph, Node, map_arg
 
 aten, prims = torch.ops.aten, torch.ops.prims
 LARGEST = 512  # entries of a tensor; a graph with a larger one stays as it is
-CONSTANTS = {aten.full.default, prims.iota.default}
+CONSTANTS = {aten.full.default: 1, prims.iota.default: 0}  # from which argument on it must be known
+UNKNOWN = {torch.Tag.nondeterministic_seeded, torch.Tag.dynamic_output_shape}
 MOVES = {  # what only moves entries, and which argument says along what dimensions
     aten.alias.default: None,
     aten.cat.default: 1,
@@ -63,7 +64,7 @@ class Entries(CustomGraphPass):
         """Changes the graph to one of entries, or leaves it as it is."""
         vals = [z for node in graph.nodes for z in _tensors(node)]
         loops = any(isinstance(n.target, torch._ops.HigherOrderOperator) for n in graph.nodes)
-        if loops or not all(_is_small(z) for z in vals):
+        if loops or not vals or not _are_small(vals):
             return
         try:
             _Rewriting(graph, vals[0]).run()
@@ -134,7 +135,7 @@ class _Rewriting:
         op, args, kwargs = node.target, node.args, node.kwargs
         if node.op in ("placeholder", "get_attr"):
             return self.take_apart(node)
-        if op in CONSTANTS:
+        if op in CONSTANTS and not any(isinstance(z, Node) for z in args[CONSTANTS[op] :]):
             return self.constants(op(*map_arg(args, self.one), **kwargs))
         if op in MOVES and self.keeps_batch(node, MOVES[op]):
             return op(*map_arg(args, self.one), **map_arg(kwargs, self.one))
@@ -142,12 +143,10 @@ class _Rewriting:
             return self.folded(FOLDS[op], node)
         if op is aten.index.Tensor and self.picks_constantly(node):
             return self.labels[args[0]][tuple(map(self.values, args[1]))]
-        if (
-            not isinstance(op, torch._ops.OpOverload)
-            or torch.Tag.nondeterministic_seeded in op.tags
-        ):
+        tags = getattr(op, "tags", UNKNOWN)
+        if not UNKNOWN.isdisjoint(tags):
             raise _Unknown
-        if torch.Tag.pointwise in op.tags:
+        if torch.Tag.pointwise in tags and isinstance(node.meta["val"], Tensor):
             return self.pointwise(node)
         args, kwargs = map_arg((args, kwargs), self.put_together)
         return self.take_apart(self.call(op, args, kwargs))
@@ -168,7 +167,7 @@ class _Rewriting:
     def folded(self, op: Callable, node: Any) -> Tensor:
         """Returns labels of sums, or extremes, along some dimensions."""
         labels, val = self.labels[node.args[0]], node.meta["val"]
-        along = [d % labels.ndim for d in node.args[1] or range(labels.ndim)]
+        along = [d % labels.ndim for d in _dims(node, 1) or range(labels.ndim)]
         rest = [d for d in range(labels.ndim) if d not in along]
         rows = labels.permute(*rest, *along).reshape(-1, math.prod(labels.shape[d] for d in along))
         flat = []
@@ -187,7 +186,10 @@ class _Rewriting:
         if known is not None and _dtype(known) == dtype:
             return self.label(known)
         args, kwargs = torch.utils._pytree.tree_map_only(Tensor, self.node, (tuple(args), kwargs))
-        return self.label(self.call(op, args, kwargs))
+        made = self.call(op, args, kwargs)
+        if _dtype(made) != dtype:  # a number without dimensions had no say in it
+            made = self.call(prims.convert_element_type.default, (made, dtype))
+        return self.label(made)
 
     def constants(self, z: Tensor) -> Tensor:
         flat = [self.label(value) for value in z.flatten().unbind()]
@@ -226,7 +228,8 @@ class _Rewriting:
             whole = self.call(aten.select.int, (whole, 1, 0))
         whole = self.call(aten.reshape.default, (whole, [*fixed, *(self.size() if batch else [])]))
         order = list(range(len(fixed)))
-        order[batch[0] : batch[0]] = [len(fixed)] if batch else []
+        for d in batch:
+            order.insert(d, len(fixed))
         return self.call(aten.permute.default, (whole, order))
 
     def by_lane(self, labels: list[int]) -> Any:
@@ -302,8 +305,7 @@ class _Rewriting:
             return False
         if node.target in (aten.view.default, aten.reshape.default):
             return len({_before_batch(z) for z in vals}) == 1
-        along = () if position is None else node.args[position : position + 1] or (0,)
-        dims = [d for z in along for d in (z if isinstance(z, list | tuple) else [z])]
+        dims = [] if position is None else _dims(node, position)
         if node.target in FOLDS and not dims:
             return not _batch(vals[0])
         return all(isinstance(vals[0].shape[d], int) for d in dims)
@@ -323,10 +325,17 @@ def _replaced(args: Any, by: dict) -> Any:
     return map_arg(args, lambda n: by.get(n, n))
 
 
+def _dims(node: Any, position: int) -> list[int]:
+    """Returns along what dimensions something is done, none for a fold of all."""
+    dims = None if node.target in FOLDS else 0
+    dims = node.args[position] if len(node.args) > position else dims
+    return [dims] if isinstance(dims, int) else list(dims or [])
+
+
 def _known(op: Any, a: Any, b: Any = None, c: Any = None) -> Any:
     """Returns what an operation with 0, 1 or a known condition is, or None.
 
-    As the compiler itself does, it takes 0 times anything for 0.
+    So 0 times anything is 0, also what is not finite.
     """
     if op is aten.mul.Tensor and (_is(a, 0) or _is(b, 0)):
         return a if _is(a, 0) else b
@@ -362,12 +371,12 @@ def _batch(val: Any) -> list[int]:
     return [d for d, s in enumerate(getattr(val, "shape", ())) if not isinstance(s, int)]
 
 
-def _is_small(val: Any) -> bool:
-    """Returns whether a tensor has a small number of entries, and at most one batch."""
-    sizes = [s.node.expr for s in val.shape if not isinstance(s, int)]
-    return (
-        all(s.is_Symbol for s in sizes) and len(sizes) <= 1 and _one(val.shape).numel() <= LARGEST
-    )
+def _are_small(vals: list[Any]) -> bool:
+    """Returns whether tensors have few entries, and no more than one batch, all the same."""
+    sizes = [[s.node.expr for s in z.shape if not isinstance(s, int)] for z in vals]
+    one = len({s for symbols in sizes for s in symbols}) <= 1
+    alone = all(len(symbols) <= 1 and all(s.is_Symbol for s in symbols) for symbols in sizes)
+    return one and alone and all(0 < _one(z.shape).numel() <= LARGEST for z in vals)
 
 
 def _one(shape: Any) -> torch.Size:

@@ -261,7 +261,7 @@ claim("sweeps_of_library", (theirs > 1e-10).sum(), below=9)
 # </details>
 #
 # Most of a sweep's time is Python's. Who plans more than a lap may call `mpc.compile()` first: it
-# spends a minute or two on the first plan, and the others come about ten times faster
+# spends a minute or two on the first plan, and the others come more than ten times faster
 # ([Speed](benchmarks.md)).
 
 # %% [markdown]

@@ -63,7 +63,7 @@ class CompiledOptimizer:
             known = self._kind(problem, U) in self.trusted
             at = (_unmoved if known else start)(problem, x_init, U)
             at, history = self._improve_all(problem, at, SWEEPS)
-            if not torch.isfinite(history[0] + at.X.sum()):
+            if not math.isfinite(history[0] + at.X.sum()):
                 start(problem, x_init, U)  # says what diverges
         history = history[: int(at.iterations) + 1]
         return Solution(at.X, at.U, at.cost, at.converged, at.iterations, history)
@@ -108,9 +108,8 @@ class CompiledOptimizer:
     def _improve_all(self, problem: Problem, at: Iterate, sweeps: int) -> tuple[Iterate, Tensor]:
         """Returns where at most so many sweeps of a single plan end, and the costs on the way."""
         given = (*_owned(problem, at), at.cost.new_zeros(SWEEPS + 1))
-        one, left = torch.tensor([1, sweeps], device=at.cost.device)
-        self._check(problem, at, lambda: self.sweeps(*given, one)[0])
-        return self.sweeps(*given, left)
+        self._check(problem, at, lambda: self.sweeps(*given, torch.ones_like(at.iterations))[0])
+        return self.sweeps(*given, torch.full_like(at.iterations, sweeps))
 
     def _check(self, problem: Problem, at: Iterate, run: Callable[[], Iterate]) -> None:
         """Runs a compiled sweep for the first time, and compares it with that of Python."""

@@ -58,12 +58,18 @@ FOLDS = {
 
 
 class Entries(CustomGraphPass):
-    """Rewrites graphs without loops of their own, if their tensors are small."""
+    """Rewrites graphs without loops of their own, if their tensors are small.
+
+    Loops of other graphs lose what their bodies do not use, such as a time that changes nothing.
+    """
 
     def __call__(self, graph: Graph) -> None:
-        """Changes the graph to one of entries, or leaves it as it is."""
+        """Changes the graph to one of entries, or but its loops over time."""
+        loops = [n for n in graph.nodes if isinstance(n.target, torch._ops.HigherOrderOperator)]
+        for node in loops:
+            if node.target is torch.ops.higher_order.scan:
+                _without_unused(node, graph.owning_module)
         vals = [z for node in graph.nodes for z in _tensors(node)]
-        loops = any(isinstance(n.target, torch._ops.HigherOrderOperator) for n in graph.nodes)
         if loops or not vals or not _are_small(vals):
             return
         try:
@@ -94,6 +100,19 @@ class Unallocated(CustomSchedulerPass):
     def uuid(self) -> bytes:
         """Returns what compiled code is kept under: it changes with this file."""
         return get_hash_for_files((__file__,))
+
+
+def _without_unused(node: Any, module: Any) -> None:
+    """Takes sequences from a loop over time that its body does not read, but never all."""
+    body, carry, sequences, rest = node.args
+    graph = getattr(module, body.target).graph
+    steps = graph.find_nodes(op="placeholder")[len(carry) :][: len(sequences)]
+    read = [i for i, step in enumerate(steps) if step.users] or [0]
+    for i, step in enumerate(steps):
+        if i not in read:
+            graph.erase_node(step)
+    node.args = body, carry, [sequences[i] for i in read], rest
+    getattr(module, body.target).recompile()
 
 
 class _Unknown(Exception):

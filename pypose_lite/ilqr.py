@@ -52,7 +52,7 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
     def move(x, t, K, X, aim, *limits):
         u = aim + bmv(K, x - X)
         u = torch.clamp(u, *limits) if limits else u
-        return (problem.system.transition(x, u, t),), (x, u)
+        return (problem.system.transition(x, u, t.reshape(())),), (x, u)
 
     known = Steps((t, K, X[:-1], aim, *limits), U.ndim - 2)
     (last,), (states, inputs) = known.scan(move, x_init)

@@ -209,6 +209,6 @@ def _bound(name: str, value: Tensor | float | None, like: Tensor, m: int) -> Ten
 
 def _padded(z: Any, core: int, dims: int) -> Any:
     """Returns ``(T, lead, core)`` with as many leading dimensions as the batch has."""
-    if z is None:
-        return None
+    if z is None or z.ndim == dims + core + 1:
+        return z
     return z.reshape(len(z), *[1] * (dims + core + 1 - z.ndim), *z.shape[1:])

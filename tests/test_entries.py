@@ -3,6 +3,7 @@
 import pytest
 import torch
 from oracles import draw
+from torch._higher_order_ops.scan import scan
 from torch._inductor.decomposition import select_decomp_table
 from torch._subclasses import FakeTensorMode
 from torch.func import functionalize
@@ -272,6 +273,19 @@ def test_a_graph_with_a_loop_is_left_alone(g):
         return 2 * torch.cond(x.sum() > 0, lambda z: 2 * z, lambda z: z - 1, (x,))
 
     assert is_left_alone(either, g, (3,))
+
+
+@pytest.mark.parametrize("reads", [(0, 1), (1,), ()])
+def test_a_loop_loses_the_sequences_that_it_does_not_read(g, reads):
+    def total(x, *ys):
+        def step(x, at):
+            return x + sum(at[i] for i in reads), 2 * x
+
+        return scan(step, x, ys)
+
+    graph = rewritten(total, g, (2,), (3, 2), (3, 2))
+    (loop,) = graph.find_nodes(op="call_function", target=torch.ops.higher_order.scan)
+    assert len(loop.args[2]) == max(1, len(reads))
 
 
 @WITH_OR_WITHOUT

@@ -7,7 +7,9 @@ member, and vector instructions all the way.
 """
 
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -46,6 +48,8 @@ def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
 
 def cat(parts: list[Tensor] | tuple[Tensor, ...], dim: int, core: int = 2) -> Tensor:
     """Returns parts of matrices, or of what has so many dimensions of its own, put together."""
+    if isinstance(parts[0], np.ndarray):
+        return np.concatenate(parts, dim)
     if not _many(parts[0], core):
         return torch.cat(parts, dim)
     cores = [(part, core) for part in parts]
@@ -61,6 +65,8 @@ def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         H: symmetric, ``(..., m, m)``.
         R: ``(..., m, k)``.
     """
+    if isinstance(H, np.ndarray):
+        return _solve_in_numpy(H, R)
     if _many(H, 2):
         return _solve_by_rows(H, R)
     L, failed = torch.linalg.cholesky_ex(H)
@@ -68,9 +74,21 @@ def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return torch.linalg.solve_triangular(L.mT, W, upper=True), W, failed
 
 
+def eye(H: Tensor) -> Tensor:
+    """Returns the identity matrix that fits square matrices ``(..., m, m)``."""
+    if isinstance(H, np.ndarray):
+        return np.eye(H.shape[-1], dtype=H.dtype)
+    return torch.eye(H.shape[-1], dtype=H.dtype, device=H.device)
+
+
 def settled(z: Tensor, core: int) -> Tensor:
     """Returns ``(..., *core)``, of so many dimensions, in rows where those are quicker."""
     return from_rows(to_rows(z, -core - 1), -core - 1) if _many(z, core) else z
+
+
+def inside_transform(z: Tensor) -> bool:
+    """Returns whether torch compiles, or one of its transforms hands out z."""
+    return torch.compiler.is_compiling() or torch._C._functorch.is_functorch_wrapped_tensor(z)
 
 
 def to_rows(z: Tensor, batch: int) -> Tensor:
@@ -93,6 +111,15 @@ def _dot(a: Tensor, b: Tensor, dim: int) -> Tensor:
     for pair in pairs:
         total.addcmul_(*pair)
     return total
+
+
+def _solve_in_numpy(H: np.ndarray, R: np.ndarray) -> Any:
+    try:
+        L = np.linalg.cholesky(H)
+    except np.linalg.LinAlgError:
+        return np.full_like(R, np.nan), np.full_like(R, np.nan), np.int32(1)
+    W = np.linalg.solve(L, R)
+    return np.linalg.solve(L.mT, W), W, np.int32(0)
 
 
 def _solve_by_rows(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:

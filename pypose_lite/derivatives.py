@@ -6,11 +6,14 @@ while it compiles, where a backward pass cannot be asked for, ``torch.func`` doe
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from .batched import cat, settled
+from .batched import cat, inside_transform, settled
+
+FEW = 256  # rows of a batch, for which fewer calls save more time than less arithmetic
 
 
 def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tuple[Tensor, ...]:
@@ -24,7 +27,7 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
         u: ``(..., m)``, of the same batch.
         wrt: ``"x"`` leaves out the last result.
     """
-    if _inside_transform(x):
+    if inside_transform(x):
         return _transformed(function, x, u, wrt)
     y = function(x, u)
     if y.shape[:-1] != x.shape[:-1]:  # parameters have a batch of their own
@@ -38,6 +41,32 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
     return (y, *(j.movedim(0, -2) for j in J))
 
 
+def taylor(function: Callable, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor, Callable]:
+    """Returns y, ``dy/dx`` and ``dy/du`` as :func:`jacobians` does, and the second derivative.
+
+    That is a function of weights ``(..., n)``: :func:`hessian` of them. For a few rows it goes on
+    where the Jacobians ended, from copies enough for both. They carry no graph, and y has the size
+    of x.
+    """
+    n, k = x.shape[-1], x.shape[-1] + u.shape[-1]
+    if inside_transform(x) or x.numel() > FEW * n:
+        return (*jacobians(function, x, u), partial(hessian, function, x, u))  # type: ignore
+    with torch.enable_grad():
+        copies = [_copies(z.expand(n, *z.shape), k, False) for z in (x, u)]
+        rows = function(*copies)
+        if rows.shape[2:] != x.shape:  # parameters have a batch of their own
+            return (*jacobians(function, x, u), partial(hessian, function, x, u))  # type: ignore
+        J = torch.cat(_pull_back(rows, copies, _unit_rows(x).expand_as(rows), True), -1)
+
+    def curve(weights: Tensor) -> Tensor:
+        unit = torch.eye(k, dtype=x.dtype, device=x.device).reshape(k, *[1] * x.ndim, k)
+        H = _pull_back(J, copies, weights.movedim(-1, 0).unsqueeze(-1) * unit, False)
+        return torch.cat(H, -1).sum(1).movedim(0, -2)
+
+    slopes = J[0].detach().movedim(0, -2)
+    return rows[0, 0].detach(), slopes[..., :n], slopes[..., n:], curve
+
+
 def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor:
     """Returns the second derivative of ``weights' function(x, u)``, ``(..., n+m, n+m)``.
 
@@ -47,7 +76,7 @@ def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor
     def slope(x, u):
         return cat(torch.func.vjp(function, x, u)[1](weights), -1, 1)
 
-    if _inside_transform(x):
+    if inside_transform(x):
         return cat(_transformed(slope, x, u, "xu")[1:], -1)
     with torch.enable_grad():
         copies = [_copies(z, x.shape[-1] + u.shape[-1], False) for z in (x, u)]
@@ -55,10 +84,6 @@ def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor
         g = torch.cat(_pull_back(y, copies, weights.expand_as(y), True), dim=-1)
         H = torch.cat(_pull_back(g, copies, _unit_rows(g[0]), False), dim=-1)
     return H.movedim(0, -2)
-
-
-def _inside_transform(x: Tensor) -> bool:
-    return torch.compiler.is_compiling() or torch._C._functorch.is_functorch_wrapped_tensor(x)
 
 
 def _copies(z: Tensor, count: int, graph: bool) -> Tensor:

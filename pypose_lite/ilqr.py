@@ -64,30 +64,32 @@ def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple[Tensor, ..
 
     Of one step, or of all: x, u, t and the problem's tensors are those of the same steps.
     """
-    f, A, B = problem.system.linearize_transition(x, u, t)
-    q = problem.slope(x, u)
-    return f, A, B, q, problem.Q.expand(*q.shape, q.shape[-1])
+    return (*problem.system.linearize_transition(x, u, t), *problem.expand_cost(x, u))
 
 
-def curvature(problem: Problem, x: Tensor, u: Tensor, t: Tensor, l: Tensor) -> Tensor:
-    """Returns what the dynamics add to the curvature of the total cost, ``(..., m+n, m+n)``.
+def newton_model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
+    """Returns :func:`model`, without a graph, and what the dynamics add to Q.
 
-    With the costates l this makes Newton's model of Gauss-Newton's:
+    That is a function of the costates ``l (..., n)``, and makes Newton's model of Gauss-Newton's:
 
         l_t = dc_t/dx + A_t' l_t+1                                    (1)
         sum_i l_t+1,i  d2 f_i / d[u, x]2                              (2)
     """
-    m = u.shape[-1]
-    return problem.system.curve_transition(x, u, l, t).roll((m, m), (-2, -1))  # (2), of [x, u]
+    *linear, curve = problem.system.expand_transition(x, u, t)
+
+    def add(l: Tensor) -> Tensor:
+        return curve(l).roll((u.shape[-1],) * 2, (-2, -1))  # (2), of [x, u] before
+
+    return (*linear, *problem.expand_cost(x, u), add)
 
 
 def costates(A: Tensor, q: Tensor) -> Tensor:
     """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
     l = torch.zeros_like(A[0, ..., 0] + q[0, ..., -A.shape[-1] :])
-    return Steps((A, q), A.ndim - 3, reverse=True).scan(earlier, l)[1][0]
+    return Steps((A, q), A.ndim - 3, reverse=True).scan(earlier, l, arithmetic=True)[1][0]
 
 
-def earlier(l: Tensor, A: Tensor, q: Tensor, *_: Tensor) -> tuple[tuple[Tensor], tuple[Tensor]]:
+def earlier(l: Tensor, A: Tensor, q: Tensor) -> tuple[tuple[Tensor], tuple[Tensor]]:
     """Returns the costate one step earlier, and that of this step: the body of a loop."""
     return (q[..., -l.shape[-1] :] + bmv(A.mT, l),), (l,)  # (1)
 
@@ -98,21 +100,23 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
     Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
-    m, n, batch = U.shape[-1], X.shape[-1], X.shape[1:-1]
+    m, n, batch, gauss_newton = U.shape[-1], X.shape[-1], X.shape[1:-1], exact is None
     l, V, zero = X.new_zeros(X.shape[1:]), X.new_zeros(*batch, n + 1, n + 1), X.new_zeros(batch)
 
     def modelled(x, u, t, Q, p, r, damping, exact, *box):  # the LQR around the plan
-        _, A, B, q, Q = model(problem._replace(Q=Q, p=p, r=r), x, u, t)
+        here = problem._replace(Q=Q, p=p, r=r)
+        _, A, B, q, Q, *more = (model if gauss_newton else newton_model)(here, x, u, t)
         if not every(damping == 0):
             on_u = (torch.arange(m + n, device=q.device) < m).to(q.dtype)
             Q = Q + torch.diag_embed(damping[..., None] * on_u)
-        return A, q, B, Q, x, u, t, exact, *box
+        return A, q, B, Q, more, exact, *box
 
-    def curved(l, A, q, B, Q, x, u, t, exact, *box):  # after the costates: Newton's model of it
-        curve = torch.where(exact[..., None, None] > 0, curvature(problem, x, u, t, l), 0)
-        return A, q, B, Q + curve, x, u, t, exact, *box
+    def curved(l, A, q, B, Q, more, exact, *box):  # after the costates: Newton's model of it
+        [add] = more
+        Q = Q + torch.where(exact[..., None, None] > 0, add(l), 0)
+        return A, q, B, Q, more, exact, *box
 
-    def homogeneous(A, q, B, Q, x, u, t, exact, *box):
+    def homogeneous(A, q, B, Q, more, exact, *box):
         return homogeneous_cost(Q, q), homogeneous_dynamics(A, B), *box
 
     def back(V, failed, M, G, *box):
@@ -123,11 +127,11 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     flags = (z.expand(len(U), *batch) for z in (damping, zero if exact is None else exact.to(X)))
     steps = Steps((*given, *flags, *(problem.box(U) or ())), len(batch), reverse=True)
     gauss = steps.map(modelled)
-    newton = gauss if exact is None else gauss.accumulate(earlier, l).map(curved)
-    (V1, failed), (K,) = newton.map(homogeneous).scan(back, V, zero)
+    best = gauss if exact is None else gauss.accumulate(earlier, l, reads=2).map(curved)
+    (V1, failed), (K,) = best.map(homogeneous).scan(back, V, zero, arithmetic=True)
     gain, failed = V1[..., -1, -1] / 2, failed > 0
     if exact is not None and some(failed):
-        (V2, failed2), (K2,) = gauss.map(homogeneous).scan(back, V, zero)
+        (V2, failed2), (K2,) = gauss.map(homogeneous).scan(back, V, zero, arithmetic=True)
         K = torch.where(failed[..., None, None], K2, K)
         gain = torch.where(failed, V2[..., -1, -1] / 2, gain)
         failed = failed & (failed2 > 0)

@@ -21,7 +21,7 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
 from .batched import bmv
-from .ilqr import Solution, costates, curvature, model
+from .ilqr import Solution, costates, model, newton_model
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
 
@@ -87,8 +87,8 @@ def newton_step(problem: Problem, X: Tensor, U: Tensor, v: Tensor, clamped: Tens
         RuntimeError: where H is not positive definite: the plan is no strict minimum.
     """
     x, t = X[:-1], problem.times(U)
-    _, A, B, q, Q = model(problem, x, U, t)
-    Q = Q + curvature(problem, x, U, t, costates(A, q))
+    _, A, B, q, Q, add = newton_model(problem, x, U, t)
+    Q = Q + add(costates(A, q))
     none = torch.zeros_like(q[..., U.shape[-1] :])
     box = (torch.where(clamped, 0.0, -torch.inf).to(v), torch.where(clamped, 0.0, torch.inf).to(v))
     M = homogeneous_cost(Q, torch.cat([v, none], dim=-1))

@@ -63,10 +63,14 @@ class LTI(System):
         """Returns ``C x + D u + c2``."""
         return _affine(self.C, state, self.D, input, self.c2)
 
-    def curve_transition(self, x, u, costate, t=None):
-        """Returns zeros: a linear system has no curvature."""
+    def expand_transition(self, x, u, t=None):
+        """Returns ``f``, ``A``, ``B``, and zeros for costates: a linear system has no curvature."""
         size = x.shape[-1] + u.shape[-1]
-        return torch.zeros_like(costate[..., :1, None]).expand(*costate.shape[:-1], size, size)
+
+        def curve(costate):
+            return torch.zeros_like(costate[..., :1, None]).expand(*costate.shape[:-1], size, size)
+
+        return (*self.linearize_transition(x, u, t), curve)
 
     def linearize_transition(self, x, u, t=None, wrt="xu"):
         """Returns ``f``, ``A`` and ``B``, expanded to the batch."""

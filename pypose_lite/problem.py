@@ -79,9 +79,13 @@ class Problem(NamedTuple):
         if self.du is not None and not (self.du > 0).all():
             raise ValueError("du: expected a positive change")
 
-    def slope(self, x: Tensor, u: Tensor) -> Tensor:
-        """Returns the derivative of each step's cost in ``[u, x]``, ``(..., m+n)``."""
-        return bmv(self.Q, cat([u, x], -1, 1) - self.r) + self.p
+    def expand_cost(self, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns the slope and the curvature of each step's cost in ``[u, x]``.
+
+        They are ``q (..., m+n)`` and ``Q (..., m+n, m+n)``.
+        """
+        q = bmv(self.Q, cat([u, x], -1, 1) - self.r) + self.p
+        return q, self.Q.expand(*q.shape, q.shape[-1])
 
 
 def rollout(problem: Problem, x_init: Tensor, U: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ Chapter 2 derives it.
 import torch
 from torch import Tensor
 
-from .batched import bmm, bmv, cat, solve_positive
+from .batched import bmm, bmv, cat, eye, solve_positive
 from .scan import Steps
 from .shapes import check
 
@@ -45,7 +45,9 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
         V = H_[x,1][x,1] - W' W                    (4)
 
     With a box, inputs that it clamps keep their bound and get no feedback (3'), and V is what
-    any K would cost: ``[K; I]' H [K; I]`` (4').
+    any K would cost:
+
+        V = H_[x,1][x,1] + K' (H_uu K + H_u[x,1]) + H_u[x,1]' K       (4')
 
     Args:
         V: ``(..., n+1, n+1)``.
@@ -64,9 +66,8 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
         K, W, failed = solve_positive(Huu, -Hu)  # (2), (3)
         return H[..., m:, m:] - bmm(W.mT, W), K, failed  # (4)
     K, failed = _clamped_gains(Huu, Hu, *box)  # (3')
-    eye = torch.eye(V.shape[-1], dtype=V.dtype, device=V.device)
-    KI = cat([K, eye.expand(*K.shape[:-2], *eye.shape)], -2)
-    return bmm(KI.mT, bmm(H, KI)), K, failed  # (4')
+    V = H[..., m:, m:] + bmm(K.mT, bmm(Huu, K) + Hu) + bmm(Hu.mT, K)  # (4')
+    return V, K, failed
 
 
 def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
@@ -85,7 +86,7 @@ def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
         return (V,), tuple(rest)
 
     steps = Steps((M, G, *(box or ())), len(batch), reverse=True)
-    (V,), (K, failed) = steps.scan(back, V)
+    (V,), (K, failed) = steps.scan(back, V, arithmetic=True)
     return K, V, failed
 
 
@@ -98,20 +99,20 @@ def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tup
     """
     push = Hu[..., -1]
     clamped = ((lower >= 0) & (push >= 0)) | ((upper <= 0) & (push <= 0))
-    at = torch.where(clamped, torch.zeros_like(push).clamp(lower, upper), 0)
-    K, _ = _free_gains(Huu, Hu, clamped, at)
+    nearest = lower.clip(min=0) + upper.clip(max=0)  # to 0, in the box
+    K, _ = _free_gains(Huu, Hu, clamped, clamped * nearest)
     k = K[..., -1]
     clamped = clamped | (k < lower) | (k > upper)
-    return _free_gains(Huu, Hu, clamped, torch.where(clamped, k.clamp(lower, upper), 0))
+    return _free_gains(Huu, Hu, clamped, clamped * k.clip(lower, upper))
 
 
 def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the gains of the inputs that are free while the clamped ones stay ``at``."""
-    free = (~clamped).to(Huu.dtype)
-    rest = cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at)).unsqueeze(-1)], -1)
-    held = Huu * free.unsqueeze(-1) * free.unsqueeze(-2) + torch.diag_embed(1 - free)
-    K, _, failed = solve_positive(held, -rest * free.unsqueeze(-1))
-    return cat([K[..., :-1], (K[..., -1] + at).unsqueeze(-1)], -1), failed
+    free = ~clamped[..., None]
+    rest = cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at))[..., None]], -1)
+    held = Huu * (free & free.mT) + ~free * eye(Huu)
+    K, _, failed = solve_positive(held, -rest * free)
+    return cat([K[..., :-1], K[..., -1:] + at[..., None]], -1), failed
 
 
 def dlqr(A: Tensor, B: Tensor, Q: Tensor, R: Tensor, steps: int = 60) -> tuple[Tensor, Tensor]:

@@ -1,17 +1,20 @@
 """Loops over time, in a form that torch can compile as well.
 
-Python loops over the steps, and does for all of them at once what needs no loop. While
-``torch.compile`` traces, everything becomes the body of one loop, torch's scan: compiling does not
-take longer for a longer horizon, and what only the next line needs is never written to memory.
+Python loops over the steps, and does for all of them at once what needs no loop. A loop that is
+only arithmetic on small matrices spends its time on calling torch; numpy, on the same memory, is
+called in less than half of it. While ``torch.compile`` traces, everything becomes the body of one
+loop, torch's scan: compiling does not take longer for a longer horizon, and what only the next line
+needs is never written to memory.
 """
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from .batched import to_rows
+from .batched import inside_transform, to_rows
 
 Tensors = tuple[Tensor, ...]
 
@@ -35,22 +38,37 @@ class Steps(NamedTuple):
             return self._replace(todo=(*self.todo, (function, None)))
         return self._replace(known=function(*self.known))
 
-    def accumulate(self, body: Callable, *carry: Tensor) -> "Steps":
-        """Returns the steps of which is known, too, and first, what a loop's body gives."""
-        if torch.compiler.is_compiling():
-            return self._replace(todo=(*self.todo, (body, carry)))
-        return self._replace(known=(*self.scan(body, *carry)[1], *self.known))
+    def accumulate(self, body: Callable, *carry: Tensor, reads: int) -> "Steps":
+        """Returns the steps of which is known, too, and first, what a loop of arithmetic gives.
 
-    def scan(self, body: Callable, *carry: Tensor) -> tuple[Tensors, Tensors]:
-        """Returns the last carry, and what a loop's body gives, ``(T, ...)`` each."""
+        Of what is known before, the loop reads only the first so many.
+        """
+
+        def reading(*z):
+            return body(*z[: len(carry) + reads])
+
+        if torch.compiler.is_compiling():
+            return self._replace(todo=(*self.todo, (reading, carry)))
+        steps = self._replace(known=self.known[:reads])
+        return self._replace(known=(*steps.scan(body, *carry, arithmetic=True)[1], *self.known))
+
+    def scan(self, body: Callable, *carry: Tensor, arithmetic=False) -> tuple[Tensors, Tensors]:
+        """Returns the last carry, and what a loop's body gives, ``(T, ...)`` each.
+
+        A body of ``arithmetic`` calls nothing but operators and `batched.py`: where there is
+        neither a batch nor a graph it may get numpy's arrays.
+        """
         if torch.compiler.is_compiling():
             return _compiled(self._replace(todo=(*self.todo, (body, carry))))
-        steps = list(zip(*(z.unbind(0) for z in self.known)))
-        given = []
-        for known in reversed(steps) if self.reverse else steps:
-            carry, ys = body(*carry, *known)
+        known: Sequence = self.known
+        if arithmetic and not self.batch and all(map(_shared_with_numpy, (*carry, *known))):
+            known, carry = ([z.numpy() for z in zs] for zs in (known, carry))  # type: ignore
+        steps, given = list(zip(*known)), []
+        for at in reversed(steps) if self.reverse else steps:
+            carry, ys = body(*carry, *at)
             given.append(ys)
-        return carry, tuple(torch.stack(y) for y in zip(*(given[::-1] if self.reverse else given)))
+        ys = zip(*(given[::-1] if self.reverse else given))
+        return tuple(map(torch.as_tensor, carry)), tuple(map(_stack, ys))
 
 
 def some(mask: Tensor) -> bool:
@@ -61,6 +79,17 @@ def some(mask: Tensor) -> bool:
 def every(mask: Tensor) -> bool:
     """Returns whether all are True; compiled code cannot ask, and does not count on it."""
     return not torch.compiler.is_compiling() and bool(mask.all())
+
+
+def _shared_with_numpy(z: Tensor) -> bool:
+    """Returns whether numpy can do arithmetic on the memory of a tensor, and nobody minds."""
+    real = z.dtype in (torch.float32, torch.float64)
+    return real and z.device.type == "cpu" and not (z.requires_grad or inside_transform(z))
+
+
+def _stack(parts: tuple) -> Tensor:
+    numpys = not isinstance(parts[0], Tensor)
+    return torch.from_numpy(np.stack(parts)) if numpys else torch.stack(parts)
 
 
 def _compiled(steps: Steps) -> tuple[Tensors, Tensors]:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from .batched import bmv
-from .derivatives import hessian, jacobians
+from .derivatives import jacobians, taylor
 from .shapes import check
 
 
@@ -126,12 +126,14 @@ class System(nn.Module):
         """Returns ``g(x, u, t)`` and its Jacobians ``C (..., p, n)``, ``D (..., p, m)``."""
         return jacobians(self._batched(self.observation, t), *expand(x, u), wrt)
 
-    def curve_transition(self, x, u, costate: Tensor, t=None) -> Tensor:
-        """Returns the second derivative of ``costate' f(x, u, t)`` in ``[x, u]``.
+    def expand_transition(self, x, u, t=None) -> tuple[Tensor, Tensor, Tensor, Callable]:
+        """Returns f, A and B, without a graph, and f's second derivative: Taylor's expansion.
 
-        ``(..., n+m, n+m)``: what makes a Newton step of a Gauss-Newton step.
+        That is a function of costates ``(..., n)``: it returns the second derivative of
+        ``costate' f(x, u, t)`` in ``[x, u]``, ``(..., n+m, n+m)``, which makes a Newton step of a
+        Gauss-Newton step.
         """
-        return hessian(self._batched(self.state_transition, t), *expand(x, u), costate)
+        return taylor(self._batched(self.state_transition, t), *expand(x, u))
 
     @property
     def systime(self) -> Tensor:

@@ -170,7 +170,8 @@ def test_the_clock_ticks_by_one_for_each_step_and_never_otherwise(system, g):
         assert system.systime == step and system.systime.ndim == 0
         system(x, u)
     system.transition(x, u), system.observe(x, u, 1), system.linearize(x, u), system.systime
-    system.linearize(x, u, 2), system.curve_transition(x, u, x, 1), system.set_refpoint(x[0], u[0])
+    system.linearize(x, u, 2), system.expand_transition(x, u, 1)[3](x)
+    system.set_refpoint(x[0], u[0])
     assert system.systime == 3
 
 
@@ -310,7 +311,7 @@ def test_a_vectorized_system_that_spreads_the_time_over_its_batch_is_told_so(g):
 @pytest.mark.parametrize("lead", [(), (2,)], ids=str)
 def test_the_curvature_is_the_hessian_of_the_costate_times_f(nonlinear, g, lead):
     x, u, costate = draw(g, *lead, 2), draw(g, *lead, 1), draw(g, *lead, 2)
-    found = nonlinear.curve_transition(x, u, costate, STEP)
+    found = nonlinear.expand_transition(x, u, STEP)[3](costate)
 
     def f(z, l):
         return l @ one(nonlinear.state_transition, z[:2], z[2:])
@@ -322,9 +323,8 @@ def test_the_curvature_is_the_hessian_of_the_costate_times_f(nonlinear, g, lead)
 
 def test_a_linear_system_has_no_curvature(g):
     for system in (lti(g, (3,)), ltv(g, (3,))):
-        close(
-            system.curve_transition(draw(g, 2), draw(g, 1), draw(g, 3, 2)), torch.zeros(3, 3, 3), 0
-        )
+        curve = system.expand_transition(draw(g, 2), draw(g, 1))[3]
+        close(curve(draw(g, 3, 2)), torch.zeros(3, 3, 3), 0)
 
 
 @pytest.mark.parametrize("lead", [(), (2,)], ids=str)

@@ -115,11 +115,11 @@ def _dot(a: Tensor, b: Tensor, dim: int) -> Tensor:
 
 def _solve_in_numpy(H: np.ndarray, R: np.ndarray) -> Any:
     try:
-        L = np.linalg.cholesky(H)
+        inverse = np.linalg.inv(np.linalg.cholesky(H))  # numpy has no solve for triangles
     except np.linalg.LinAlgError:
-        return np.full_like(R, np.nan), np.full_like(R, np.nan), np.int32(1)
-    W = np.linalg.solve(L, R)
-    return np.linalg.solve(L.mT, W), W, np.int32(0)
+        return np.full_like(R, np.nan), np.full_like(R, np.nan), 1
+    W = inverse @ R
+    return inverse.mT @ W, W, 0
 
 
 def _solve_by_rows(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -187,7 +187,7 @@ def _or_infinite(cost: Tensor) -> Tensor:
     return cost.nan_to_num(torch.inf, torch.inf, torch.inf)
 
 
-DIMS = (1, 1, 0, 0, 0, 0, 0, 0)  # where each part of an iterate has its batch
+DIMS = (1, 1, 0, 0, 0, 0, 0, 0, 0)  # where each part of an iterate has its batch
 
 
 class Iterate(NamedTuple):
@@ -197,6 +197,7 @@ class Iterate(NamedTuple):
     U: Tensor
     cost: Tensor
     promised: Tensor  # what the latest sweep hoped to gain, >= 0
+    size: Tensor  # of the step that it proposed, relative to U
     damping: Tensor
     exact: Tensor  # whether the next sweep may use the exact curvature
     converged: Tensor
@@ -217,7 +218,7 @@ class Iterate(NamedTuple):
 
     def unless(self, done: Tensor, new: "Iterate") -> "Iterate":
         """Returns the new members, where the old ones are not done."""
-        masks = (done[..., None], done[..., None], *[done] * 6)
+        masks = (done[..., None], done[..., None], *[done] * len(self[2:]))
         return Iterate(*(torch.where(d, z, w) for d, z, w in zip(masks, self, new)))
 
 
@@ -228,6 +229,10 @@ def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = N
     tenfold below a quarter and shrinks above three. Newton's curvature is tried where
     Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
     With ``step (...)`` the search tries only that length.
+
+    A plan has converged when its next step would be too small to matter. Newton's steps shrink
+    quadratically, each to some constant times the square of the one before: a sweep that kept its
+    promise foretells the next step, and where that is small saves it.
     """
     eps, m = torch.finfo(at.cost.dtype).eps, at.U.shape[-1]
     exact = at.exact if newton else None
@@ -237,7 +242,14 @@ def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = N
     helped = helped & ~failed
     kept = (at.cost - cost) / (-gain).clamp(min=eps**2)
     size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
-    at_rest = (size <= eps**0.5) | (~helped & (-gain <= 8 * eps * at.cost.abs()))
+    rounding = 8 * eps * at.cost.abs()
+    at_rest = (size <= eps**0.5) | (~helped & (-gain <= rounding))
+    arrives = torch.zeros_like(at_rest)
+    if newton:
+        next_size = (size / at.size**2).clamp(min=1) * size**2
+        as_promised = (at.cost + gain - cost).abs() <= 0.1 * -gain + rounding
+        full = helped & as_promised & at.exact & (at.damping == 0)
+        arrives = full & (next_size <= eps**0.6) & _same_bounds(problem, at.U, U)
     unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
     raised = torch.maximum(10 * at.damping, 1e-3 * unit)
     lowered = torch.where(at.damping > 1e-6 * unit, at.damping / 10, 0)
@@ -247,11 +259,22 @@ def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = N
         U,
         cost,
         promised=torch.where(failed, torch.inf, -gain),
+        size=size,
         damping=torch.where(((kept < 0.25) & (size > eps**0.5)) | failed, raised, steady),
         exact=(kept < 0.8) | (size < 0.3),
-        converged=at_rest & ~failed & (at.damping <= unit),
+        converged=(at_rest | arrives) & ~failed & (at.damping <= unit),
         iterations=at.iterations + 1,
     )
+
+
+def _same_bounds(problem: Problem, U: Tensor, new: Tensor) -> Tensor:
+    """Returns whether the same inputs stand at a bound; one that meets it turns the next step."""
+    limits = problem.limits(U)
+    if limits is None:
+        return torch.ones_like(U[0, ..., 0], dtype=torch.bool)
+    lower, upper = limits
+    same = ((U <= lower) == (new <= lower)) & ((U >= upper) == (new >= upper))
+    return same.all(-1).all(0)
 
 
 def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton: bool) -> Iterate:
@@ -317,7 +340,7 @@ def first(X: Tensor, U: Tensor, cost: Tensor) -> Iterate:
     """Returns an iterate that no sweep has led to."""
     no, none = torch.zeros_like(cost, dtype=torch.bool), torch.zeros_like(cost)
     count = torch.zeros_like(cost, dtype=torch.int64)
-    return Iterate(X, U, cost, none, none, no, no, count)
+    return Iterate(X, U, cost, none, none + torch.inf, none, no, no, count)
 
 
 def refuse_divergence(X: Tensor, cost: Tensor) -> None:

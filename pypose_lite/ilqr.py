@@ -59,28 +59,25 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
     return torch.cat([states, last[None]]), inputs
 
 
-def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple[Tensor, ...]:
-    """Returns ``f, A, B`` and the slope ``q`` and curvature ``Q`` of the cost around a plan.
+def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
+    """Returns ``f, A, B``, the slope ``q`` and curvature ``Q`` of the cost around a plan, and None.
 
     Of one step, or of all: x, u, t and the problem's tensors are those of the same steps.
     """
-    return (*problem.system.linearize_transition(x, u, t), *problem.expand_cost(x, u))
+    return *problem.system.linearize_transition(x, u, t), *problem.expand_cost(x, u), None
 
 
 def newton_model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
-    """Returns :func:`model`, without a graph, and what the dynamics add to Q.
+    """Returns :func:`model`, without a graph; its last result says what the dynamics add to Q.
 
-    That is a function of the costates ``l (..., n)``, and makes Newton's model of Gauss-Newton's:
+    It is a function of the costates ``l (..., n)`` and makes Newton's model of Gauss-Newton's:
 
         l_t = dc_t/dx + A_t' l_t+1                                    (1)
         sum_i l_t+1,i  d2 f_i / d[u, x]2                              (2)
     """
-    *linear, curve = problem.system.expand_transition(x, u, t)
-
-    def add(l: Tensor) -> Tensor:
-        return curve(l).roll((u.shape[-1],) * 2, (-2, -1))  # (2), of [x, u] before
-
-    return (*linear, *problem.expand_cost(x, u), add)
+    f, A, B, curve = problem.system.expand_transition(x, u, t)
+    m = u.shape[-1]
+    return f, A, B, *problem.expand_cost(x, u), lambda l: curve(l).roll((m, m), (-2, -1))  # (2)
 
 
 def costates(A: Tensor, q: Tensor) -> Tensor:
@@ -100,23 +97,22 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
     Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
-    m, n, batch, gauss_newton = U.shape[-1], X.shape[-1], X.shape[1:-1], exact is None
+    m, n, batch, newton = U.shape[-1], X.shape[-1], X.shape[1:-1], exact is not None
     l, V, zero = X.new_zeros(X.shape[1:]), X.new_zeros(*batch, n + 1, n + 1), X.new_zeros(batch)
 
     def modelled(x, u, t, Q, p, r, damping, exact, *box):  # the LQR around the plan
         here = problem._replace(Q=Q, p=p, r=r)
-        _, A, B, q, Q, *more = (model if gauss_newton else newton_model)(here, x, u, t)
+        _, A, B, q, Q, curve = (newton_model if newton else model)(here, x, u, t)
         if not every(damping == 0):
             on_u = (torch.arange(m + n, device=q.device) < m).to(q.dtype)
             Q = Q + torch.diag_embed(damping[..., None] * on_u)
-        return A, q, B, Q, more, exact, *box
+        return A, q, B, Q, curve, exact, *box
 
-    def curved(l, A, q, B, Q, more, exact, *box):  # after the costates: Newton's model of it
-        [add] = more
-        Q = Q + torch.where(exact[..., None, None] > 0, add(l), 0)
-        return A, q, B, Q, more, exact, *box
+    def curved(l, A, q, B, Q, curve, exact, *box):  # after the costates: Newton's model of it
+        Q = Q + torch.where(exact[..., None, None] > 0, curve(l), 0)
+        return A, q, B, Q, curve, exact, *box
 
-    def homogeneous(A, q, B, Q, more, exact, *box):
+    def homogeneous(A, q, B, Q, curve, exact, *box):
         return homogeneous_cost(Q, q), homogeneous_dynamics(A, B), *box
 
     def back(V, failed, M, G, *box):
@@ -127,10 +123,10 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     flags = (z.expand(len(U), *batch) for z in (damping, zero if exact is None else exact.to(X)))
     steps = Steps((*given, *flags, *(problem.box(U) or ())), len(batch), reverse=True)
     gauss = steps.map(modelled)
-    best = gauss if exact is None else gauss.accumulate(earlier, l, reads=2).map(curved)
+    best = gauss.accumulate(earlier, l, reads=2).map(curved) if newton else gauss
     (V1, failed), (K,) = best.map(homogeneous).scan(back, V, zero, arithmetic=True)
     gain, failed = V1[..., -1, -1] / 2, failed > 0
-    if exact is not None and some(failed):
+    if newton and some(failed):
         (V2, failed2), (K2,) = gauss.map(homogeneous).scan(back, V, zero, arithmetic=True)
         K = torch.where(failed[..., None, None], K2, K)
         gain = torch.where(failed, V2[..., -1, -1] / 2, gain)

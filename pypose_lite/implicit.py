@@ -33,7 +33,7 @@ def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solu
     """
     X, U = solution.X, solution.U
     with torch.no_grad():
-        _, A, B, q, _ = model(problem, X[:-1], U, problem.times(U))
+        _, A, B, q, *_ = model(problem, X[:-1], U, problem.times(U))
         now, later = q[..., : U.shape[-1]], bmv(B.mT, costates(A, q))
         push = now + later
         low = torch.zeros_like(U) if problem.lower is None else (U <= problem.lower) & (push > 0)
@@ -87,8 +87,8 @@ def newton_step(problem: Problem, X: Tensor, U: Tensor, v: Tensor, clamped: Tens
         RuntimeError: where H is not positive definite: the plan is no strict minimum.
     """
     x, t = X[:-1], problem.times(U)
-    _, A, B, q, Q, add = newton_model(problem, x, U, t)
-    Q = Q + add(costates(A, q))
+    _, A, B, q, Q, curve = newton_model(problem, x, U, t)
+    Q = Q + curve(costates(A, q))
     none = torch.zeros_like(q[..., U.shape[-1] :])
     box = (torch.where(clamped, 0.0, -torch.inf).to(v), torch.where(clamped, 0.0, torch.inf).to(v))
     M = homogeneous_cost(Q, torch.cat([v, none], dim=-1))

@@ -88,7 +88,7 @@ def _nominal(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tenso
 
 def _gains(problem: Problem, X: Tensor, U: Tensor) -> Tensor:
     """Returns ``K (T, ..., m, n+1)`` around states that need not follow from the inputs."""
-    f, A, B, q, Q = model(problem, X[:-1], U, problem.times(U))
+    f, A, B, q, Q, _ = model(problem, X[:-1], U, problem.times(U))
     G = homogeneous_dynamics(A, B, f - X[1:])
     K, _, failed = riccati(homogeneous_cost(Q, q), G)
     if failed.any():

@@ -6,7 +6,7 @@ for every member, ``(..., n, B)``, and a product is plain arithmetic on such row
 member, and vector instructions all the way.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,16 @@ def cat(parts: list[Tensor] | tuple[Tensor, ...], dim: int, core: int = 2) -> Te
         return torch.cat(parts, dim)
     cores = [(part, core) for part in parts]
     return _in_rows(lambda *rows: torch.cat(rows, dim - 1), core, *cores)
+
+
+def stack(parts: Sequence[Tensor]) -> Tensor:
+    """Returns parts put together along a new first dimension."""
+    return torch.stack(tuple(parts)) if isinstance(parts[0], Tensor) else np.stack(parts)
+
+
+def where(mask: Tensor, these: Any, those: Any) -> Any:
+    """Returns these where the mask is True, and those elsewhere."""
+    return (torch if isinstance(mask, Tensor) else np).where(mask, these, those)
 
 
 def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -4,16 +4,18 @@ Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `implici
 differentiates what comes out.
 """
 
+import math
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from .batched import bmv, cat
+from .batched import bmv, cat, where
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati_step
-from .scan import Steps, every, some
+from .scan import Steps, every, in_numpy, some
 
 SWEEPS = 200  # at most
 STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
@@ -221,49 +223,65 @@ class Iterate(NamedTuple):
 def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = None) -> Iterate:
     """Returns the next iterate: one sweep, one search, and what follows from how they went.
 
+    With ``step (...)`` the search tries only that length.
+    """
+    m, exact = at.U.shape[-1], at.exact if newton else torch.zeros_like(at.exact)
+    K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact if newton else None)
+    K = torch.where(failed[..., None, None], 0, K)
+    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, step)
+    size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
+    unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
+    old, same = (at.cost, at.size, at.damping, exact), same_bounds(problem, at.U, U)
+    judged = partial(judge, torch.finfo(cost.dtype).eps)
+    promised, size, damping, exact, converged = in_numpy(
+        judged, *old, cost, gain, failed, helped, size, unit, same
+    )
+    count = at.iterations + 1
+    return Iterate(X, U, cost, promised, size, damping, exact, converged, count)
+
+
+def judge(
+    eps: float, was, last, damping, exact, cost, gain, failed, helped, size, unit, same
+) -> tuple:
+    """Returns what an iterate says of the sweep that led there: ``promised`` to ``converged``.
+
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
     tenfold below a quarter and shrinks above three. Newton's curvature is tried where
     Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
-    With ``step (...)`` the search tries only that length.
 
     A plan has converged when its next step would be too small to matter. Newton's steps shrink
     quadratically, each to some constant times the square of the one before: a sweep that kept its
     promise foretells the next step, and where that is small saves it.
+
+    Args:
+        eps: what numbers are rounded to.
+        was: the cost of the iterate before.
+        last: the size of the step that led there.
+        damping: its damping.
+        exact: whether the model was Newton's.
+        cost: of the new plan.
+        gain: what the sweep promised, <= 0.
+        failed: whether its model had no minimum.
+        helped: whether the search found a better plan.
+        size: of the step that the sweep proposed.
+        unit: the cost's own curvature in u, to compare damping with.
+        same: whether the same inputs stand at a bound as before.
     """
-    eps, m = torch.finfo(at.cost.dtype).eps, at.U.shape[-1]
-    exact = at.exact if newton else None
-    K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact)
-    K = torch.where(failed[..., None, None], 0, K)
-    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, step)
-    helped = helped & ~failed
-    kept = (at.cost - cost) / (-gain).clamp(min=eps**2)
-    size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
-    rounding = 8 * eps * at.cost.abs()
+    helped, rounding = helped & ~failed, 8 * eps * abs(was)
+    kept = (was - cost) / (-gain).clip(min=eps**2)
     at_rest = (size <= eps**0.5) | (~helped & (-gain <= rounding))
-    arrives = torch.zeros_like(at_rest)
-    if newton:
-        next_size = (size / at.size**2).clamp(min=1) * size**2
-        as_promised = (at.cost + gain - cost).abs() <= 0.1 * -gain + rounding
-        full = helped & as_promised & at.exact & (at.damping == 0)
-        arrives = full & (next_size <= eps**0.6) & _same_bounds(problem, at.U, U)
-    unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
-    raised = torch.maximum(10 * at.damping, 1e-3 * unit)
-    lowered = torch.where(at.damping > 1e-6 * unit, at.damping / 10, 0)
-    steady = torch.where((kept > 0.75) | at_rest, lowered, at.damping)
-    return Iterate(
-        X,
-        U,
-        cost,
-        promised=torch.where(failed, torch.inf, -gain),
-        size=size,
-        damping=torch.where(((kept < 0.25) & (size > eps**0.5)) | failed, raised, steady),
-        exact=(kept < 0.8) | (size < 0.3),
-        converged=(at_rest | arrives) & ~failed & (at.damping <= unit),
-        iterations=at.iterations + 1,
-    )
+    as_promised = helped & (abs(was + gain - cost) <= -0.1 * gain + rounding)
+    next_size = size**2 * (size / last.clip(min=eps) ** 2).clip(min=1)
+    arrives = exact & (damping == 0) & as_promised & same & (next_size <= eps**0.6)
+    lowered = where(damping > 1e-6 * unit, damping / 10, 0)
+    raised = where(damping > 1e-4 * unit, 10 * damping, 1e-3 * unit)
+    steady = where((kept > 0.75) | at_rest, lowered, damping)
+    damped = where(((kept < 0.25) & (size > eps**0.5)) | failed, raised, steady)
+    converged = (at_rest | arrives) & ~failed & (damping <= unit)
+    return where(failed, math.inf, -gain), size, damped, (kept < 0.8) | (size < 0.3), converged
 
 
-def _same_bounds(problem: Problem, U: Tensor, new: Tensor) -> Tensor:
+def same_bounds(problem: Problem, U: Tensor, new: Tensor) -> Tensor:
     """Returns whether the same inputs stand at a bound; one that meets it turns the next step."""
     limits = problem.limits(U)
     if limits is None:

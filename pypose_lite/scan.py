@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .batched import inside_transform, to_rows
+from .batched import inside_transform, stack, to_rows
 
 Tensors = tuple[Tensor, ...]
 
@@ -60,15 +60,30 @@ class Steps(NamedTuple):
         """
         if torch.compiler.is_compiling():
             return _compiled(self._replace(todo=(*self.todo, (body, carry))))
-        known: Sequence = self.known
-        if arithmetic and not self.batch and all(map(_shared_with_numpy, (*carry, *known))):
-            known, carry = ([z.numpy() for z in zs] for zs in (known, carry))  # type: ignore
-        steps, given = list(zip(*known)), []
-        for at in reversed(steps) if self.reverse else steps:
-            carry, ys = body(*carry, *at)
-            given.append(ys)
-        ys = zip(*(given[::-1] if self.reverse else given))
-        return tuple(map(torch.as_tensor, carry)), tuple(map(_stack, ys))
+
+        def loop(*zs):
+            carry, steps, given = zs[:count], list(zip(*zs[count:])), []
+            for known in reversed(steps) if self.reverse else steps:
+                carry, ys = body(*carry, *known)
+                given.append(ys)
+            return *carry, *map(stack, zip(*(given[::-1] if self.reverse else given)))
+
+        count = len(carry)
+        quick = arithmetic and not self.batch
+        zs = (in_numpy if quick else _in_torch)(loop, *carry, *self.known)
+        return zs[:count], zs[count:]
+
+
+def in_numpy(function: Callable, *zs: Tensor) -> Tensors:
+    """Returns the tensors ``function(*zs)``, computed by numpy where it can and nobody minds.
+
+    The function calls nothing but operators and `batched.py`.
+    """
+    if not all(map(_shared_with_numpy, zs)):
+        return function(*zs)
+    with np.errstate(all="ignore"):  # as torch does
+        ys = function(*(z.numpy() for z in zs))
+    return tuple(torch.from_numpy(np.asarray(y)) for y in ys)
 
 
 def some(mask: Tensor) -> bool:
@@ -81,15 +96,13 @@ def every(mask: Tensor) -> bool:
     return not torch.compiler.is_compiling() and bool(mask.all())
 
 
+def _in_torch(function: Callable, *zs: Tensor) -> Tensors:
+    return function(*zs)
+
+
 def _shared_with_numpy(z: Tensor) -> bool:
-    """Returns whether numpy can do arithmetic on the memory of a tensor, and nobody minds."""
-    real = z.dtype in (torch.float32, torch.float64)
-    return real and z.device.type == "cpu" and not (z.requires_grad or inside_transform(z))
-
-
-def _stack(parts: tuple) -> Tensor:
-    numpys = not isinstance(parts[0], Tensor)
-    return torch.from_numpy(np.stack(parts)) if numpys else torch.stack(parts)
+    known = z.dtype in (torch.float64, torch.float32, torch.bool)
+    return known and z.device.type == "cpu" and not (z.requires_grad or inside_transform(z))
 
 
 def _compiled(steps: Steps) -> tuple[Tensors, Tensors]:

@@ -45,18 +45,22 @@ def taylor(function: Callable, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Te
     """Returns y, ``dy/dx`` and ``dy/du`` as :func:`jacobians` does, and the second derivative.
 
     That is a function of weights ``(..., n)``: :func:`hessian` of them. For a few rows it goes on
-    where the Jacobians ended, from copies enough for both. They carry no graph, and y has the size
-    of x.
+    where the Jacobians ended, from copies enough for both. Nothing carries a graph, and y has the
+    size of x.
     """
     n, k = x.shape[-1], x.shape[-1] + u.shape[-1]
     if inside_transform(x) or x.numel() > FEW * n:
-        return (*jacobians(function, x, u), partial(hessian, function, x, u))  # type: ignore
+        with torch.no_grad():
+            y, A, B = jacobians(function, x, u)
+        x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
+        return y, A, B, partial(hessian, function, x, u)
+    with torch.no_grad():
+        y = function(x, u)
+    x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))  # parameters have a batch of their own
     with torch.enable_grad():
         copies = [_copies(z.expand(n, *z.shape), k, False) for z in (x, u)]
         rows = function(*copies)
-        if rows.shape[2:] != x.shape:  # parameters have a batch of their own
-            return (*jacobians(function, x, u), partial(hessian, function, x, u))  # type: ignore
-        J = torch.cat(_pull_back(rows, copies, _unit_rows(x).expand_as(rows), True), -1)
+        J = torch.cat(_pull_back(rows, copies, _unit_rows(y).expand_as(rows), True), -1)
 
     def curve(weights: Tensor) -> Tensor:
         unit = torch.eye(k, dtype=x.dtype, device=x.device).reshape(k, *[1] * x.ndim, k)
@@ -64,7 +68,7 @@ def taylor(function: Callable, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Te
         return torch.cat(H, -1).sum(1).movedim(0, -2)
 
     slopes = J[0].detach().movedim(0, -2)
-    return rows[0, 0].detach(), slopes[..., :n], slopes[..., n:], curve
+    return y, slopes[..., :n], slopes[..., n:], curve
 
 
 def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor:

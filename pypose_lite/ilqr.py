@@ -267,7 +267,7 @@ def judge(
         unit: the cost's own curvature in u, to compare damping with.
         same: whether the same inputs stand at a bound as before.
     """
-    helped, rounding = helped & ~failed, 8 * eps * abs(was)
+    rounding = 8 * eps * abs(was)
     kept = (was - cost) / (-gain).clip(min=eps**2)
     at_rest = (size <= eps**0.5) | (~helped & (-gain <= rounding))
     as_promised = helped & (abs(was + gain - cost) <= -0.1 * gain + rounding)

@@ -179,6 +179,18 @@ def test_a_sweep_that_failed_or_is_held_back_has_not_converged():
     assert not judge(size=1e-9, damping=2.0)["converged"]
 
 
+def test_an_input_that_meets_or_leaves_a_bound_is_seen(g):
+    mpc, bounds = pp.infinity.controller(T=3), {"u_lower": -1.0, "u_upper": 2.0}
+    problem, *_ = mpc._pose(draw(g, 2, 4), None, None, *bounds.values(), None)
+    U = torch.tensor([[[0.0, -1], [2, 0]], [[0, 0], [0, 0]], [[0, 0], [0, 0]]])
+    assert ilqr.same_bounds(problem, U, U + 0.1 * U * (U.abs() < 1)).tolist() == [True, True]
+    for value, member in ((-1.0, 0), (2.0, 0), (-1.0, 1), (2.0, 1)):
+        V = U.clone()
+        V[1, member, 1] = value
+        for pair in ((U, V), (V, U)):
+            assert ilqr.same_bounds(problem, *pair).tolist() == [member == 1, member == 0]
+
+
 @pytest.mark.parametrize("bound", [None, 2.0], ids=["free", "bounded"])
 def test_the_sweep_that_is_saved_would_have_changed_nothing(g, bound):
     """Newton's steps square: what is left is far below what a step of 1e-6 would be."""

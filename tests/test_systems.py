@@ -13,6 +13,7 @@ from torch.autograd import gradcheck
 from torch.autograd.functional import jacobian
 
 import pypose_lite as pp
+from pypose_lite import derivatives
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -319,6 +320,32 @@ def test_the_curvature_is_the_hessian_of_the_costate_times_f(nonlinear, g, lead)
     for i in np.ndindex(lead):
         z = torch.cat([x[i], u[i]])
         close(found[i], torch.autograd.functional.hessian(partial(f, l=costate[i]), z))
+
+
+@pytest.mark.parametrize("few", [0, derivatives.FEW], ids=["many", "few"])
+@pytest.mark.parametrize("slip", [(), (3,), (2, 1)], ids=str)
+def test_taylors_expansion_goes_on_from_the_jacobians_and_has_no_graph(g, monkeypatch, few, slip):
+    """Also where the system's parameters have a batch of their own."""
+    monkeypatch.setattr(derivatives, "FEW", few)
+    car = pp.DubinsCar(slip=draw(g, *slip).requires_grad_())
+    x, u, costate = draw(g, 3, 4), draw(g, 3, 2), draw(g, 3, 4)
+    *linear, curve = car.expand_transition(x, u)
+    with torch.no_grad():
+        wanted = car.linearize_transition(x, u)
+    for found, want in zip(linear, wanted, strict=True):
+        close(found, want)
+        assert not found.requires_grad
+    lead = torch.broadcast_shapes(slip, (3,))
+    xs, us, costates = (z.expand(*lead, -1) for z in (x, u, costate))
+    found, size = curve(costates), 1e-6
+    assert found.shape == (*lead, 6, 6) and not found.requires_grad
+    for j, step in enumerate(size * torch.eye(6)):
+        slopes = [
+            torch.cat(car.linearize_transition(xs + s * step[:4], us + s * step[4:])[1:], -1)
+            for s in (1, -1)
+        ]
+        change = (slopes[0] - slopes[1]) / (2 * size)
+        close(found[..., j], torch.einsum("...i,...ik->...k", costates, change).detach(), 1e-7)
 
 
 def test_a_linear_system_has_no_curvature(g):

@@ -3,7 +3,8 @@
 Vectors come last and batches first: a state is ``(..., n)``. One matrix, or a few, go to BLAS and
 LAPACK. Of many, and while torch compiles, each number is a row of its own in memory with a column
 for every member, ``(..., n, B)``, and a product is plain arithmetic on such rows: no call for each
-member, and vector instructions all the way.
+member, and vector instructions all the way. What loops of arithmetic call (`scan.py`) takes numpy's
+arrays, too.
 """
 
 from collections.abc import Callable, Sequence

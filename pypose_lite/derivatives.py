@@ -13,7 +13,7 @@ from torch import Tensor
 
 from .batched import cat, inside_transform, settled
 
-FEW = 256  # rows of a batch, for which fewer calls save more time than less arithmetic
+FEW = 100  # rows of a batch, for which fewer calls save more time than less arithmetic
 
 
 def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tuple[Tensor, ...]:

@@ -359,9 +359,8 @@ def first(X: Tensor, U: Tensor, cost: Tensor) -> Iterate:
 
 def refuse_divergence(X: Tensor, cost: Tensor) -> None:
     """Raises ValueError where states ``(T+1, ..., n)`` or their cost are not finite."""
-    finite = torch.isfinite(X).all(-1).reshape(len(X), -1).all(-1)
-    if not finite.all():
-        step = int((~finite).nonzero()[0])
+    if not torch.isfinite(X).all():
+        step = int((~torch.isfinite(X)).nonzero()[0, 0])
         raise ValueError(f"x_init: the rollout from it diverges, x[{step}] is not finite")
     if not torch.isfinite(cost).all():
         raise ValueError("x_init: the rollout from it diverges, its cost is not finite")

@@ -1,6 +1,7 @@
 """PyPose's helper for loops: when to stop."""
 
 import logging
+import math
 
 import torch
 from torch import Tensor
@@ -33,7 +34,7 @@ class ReduceToBason:
     def reset(self) -> None:
         """Starts anew."""
         self.steps, self.patience_count, self._continual = 0, 0, True
-        self.last = torch.tensor(float("inf"))
+        self.last: Tensor | float = math.inf
 
     def step(self, loss: Tensor | float) -> None:
         """Takes note of the loss after one step; all members of a batch must agree to stop."""

@@ -5,6 +5,7 @@ The first is what pytest-benchmark has recorded. What a benchmark notes in ``ext
 - ``side``: the name of its row;
 - ``share``: how much of the group's work it did, where it is not all;
 - ``count``: how many plans or cars the work was for;
+- ``sweeps``: how many it made;
 - ``worse``: by how much its answer costs above the best, relatively.
 """
 
@@ -60,6 +61,8 @@ def table(benchmarks: list[dict]) -> str:
         if "count" in notes:
             row["time each"] = duration(time / notes["count"])
         row[f"times {one}"] = f"{time / times[one]:.2f}"
+        if "sweeps" in notes:
+            row["sweeps"] = str(notes["sweeps"])
         if "worse" in notes:
             row["cost above the best"] = excess(notes["worse"])
         rows.append(row)

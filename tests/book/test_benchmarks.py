@@ -80,6 +80,13 @@ def test_a_worse_answer_is_shown():
     assert [row[-1] for row in rows] == ["none", "+27 %"]
 
 
+def test_sweeps_are_counted_where_a_benchmark_says_how_many():
+    rows = [record("ours", 0.2, sweeps=4, worse=0.0), record("PyPose", 0.3, sweeps=5, worse=0.0)]
+    head, *rows = cells(benchmarks.table(rows))
+    assert head[-2:] == ["sweeps", "cost above the best"]
+    assert [row[-2] for row in rows] == ["4", "5"]
+
+
 def test_topics_and_groups_stand_in_their_own_order_and_a_topic_says_what_it_compares():
     measured = [
         record("ours", 1, "filters", "One EKF step"),

@@ -16,7 +16,19 @@ import torch
 from torch import Tensor
 
 from .batched import from_rows, to_rows
-from .ilqr import STEPS, SWEEPS, Iterate, Solution, apart, first, follow, improve, optimize, start
+from .ilqr import (
+    STEPS,
+    SWEEPS,
+    Iterate,
+    Solution,
+    apart,
+    first,
+    follow,
+    improve,
+    only_member,
+    optimize,
+    start,
+)
 from .problem import Problem
 
 AT_ONCE = 1024  # members in a call: what they need fits the cache of a processor
@@ -55,8 +67,9 @@ class CompiledOptimizer:
             RuntimeError: where the system cannot be compiled, or not faithfully.
             ValueError: where the rollout of U is not finite.
         """
-        if U.shape[1:-1] == (1,) and problem.system.transition(x_init[0], U[0, 0]).ndim == 1:
-            return self(_alone(problem), x_init[0], U[:, 0], stepper).batched()
+        single = only_member(problem, x_init, U)
+        if single is not None:
+            return self(*single, stepper).batched()
         if U.ndim > 2 or stepper is not None:
             return optimize(problem, x_init, U, stepper, self.improve)
         with torch.no_grad():
@@ -72,7 +85,7 @@ class CompiledOptimizer:
         """Returns the next iterate."""
         if at.cost.ndim == 0:
             return self._improve_all(problem, at, 1)[0]
-        if not apart(problem, at):
+        if not apart(problem, at.X[0], at.U[0]):
             new = self._step(problem, at, torch.ones_like(at.cost))
             stuck = _stuck(at, new)
             return new.unless(~stuck, improve(problem, at, newton)) if stuck.any() else new
@@ -170,12 +183,6 @@ def _shares(count: int) -> list[slice]:
 def _stuck(at: Iterate, new: Iterate) -> Tensor:
     """Returns whether a sweep has led nowhere."""
     return ~(new.cost < at.cost) & ~new.converged
-
-
-def _alone(problem: Problem) -> Problem:
-    """Returns the problem of the only member of a batch ``(1,)``."""
-    tensors = [z if z is None else z[:, 0] for z in problem[2:]]
-    return Problem(*problem[:2], *tensors)  # type: ignore[arg-type]
 
 
 def _unmoved(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:

@@ -295,19 +295,27 @@ def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton
     """Returns the next iterate of some members; the others stay, and cost nothing in a ``(B,)``."""
     if which.all():
         return step(problem, at, newton)
-    if not apart(problem, at):
+    if not apart(problem, at.X[0], at.U[0]):
         return at.unless(~which, step(problem, at, newton))
     rows = which.nonzero()[:, 0]
     rows = rows.expand(2) if len(rows) == 1 else rows  # one is another kind of batch to a compiler
     return at.replaced(rows, step(problem.members(rows), at.members(rows), newton))
 
 
-def apart(problem: Problem, at: Iterate) -> bool:
+def apart(problem: Problem, x: Tensor, u: Tensor) -> bool:
     """Returns whether members of a batch ``(B,)`` can be swept without the others.
 
     They cannot where the system has a batch of its own.
     """
-    return at.cost.ndim == 1 and problem.system.transition(at.X[0, 0], at.U[0, 0]).ndim == 1
+    return u.ndim == 2 and problem.system.transition(x[0], u[0]).ndim == 1
+
+
+def only_member(problem: Problem, x_init, U) -> tuple[Problem, Tensor, Tensor] | None:
+    """Returns what a batch ``(1,)`` consists of, as one plan takes less time; else None."""
+    if U.shape[1:-1] != (1,) or not apart(problem, x_init, U[0]):
+        return None
+    tensors = [z if z is None else z[:, 0] for z in problem[2:]]
+    return Problem(*problem[:2], *tensors), x_init[0], U[:, 0]  # type: ignore[arg-type]
 
 
 @torch.no_grad()
@@ -328,6 +336,9 @@ def optimize(
     Raises:
         ValueError: where the rollout of U is not finite.
     """
+    single = only_member(problem, x_init, U)
+    if single is not None:
+        return optimize(*single, stepper, step).batched()
     at = start(problem, x_init, U)
     history = [at.cost]
     for _ in range(SWEEPS):

@@ -263,6 +263,16 @@ def test_every_argument_may_have_a_batch_of_its_own(g, lead):
             close(a[i], b, 1e-8)
 
 
+def test_the_only_member_of_a_batch_is_planned_for_as_if_it_were_alone(g):
+    x, target, (Q, p) = draw(g, 4), draw(g, 4), weights(g, 6, ())
+    mpc, box = pp.MPC(pp.DubinsCar(), Q, p, 5), {"u_lower": -0.5, "u_upper": 0.5}
+    batch = mpc.solve(0.1, x[None], target[None], **box)
+    alone = mpc.solve(0.1, x, target, **box)
+    assert batch.history.shape == (*alone.history.shape, 1)
+    for a, b in zip((*batch[:-1], batch.history.mT), alone):
+        close(a[0], b, 0)
+
+
 def test_one_state_and_one_input_are_enough(g):
     class Cubic(pp.NLS):
         def state_transition(self, state, input):

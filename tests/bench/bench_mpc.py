@@ -11,12 +11,15 @@ Where a table says *to a millionth*, both sides are told beforehand how many swe
 plan that costs no more than that above the best. PyPose cannot make less than two. A warm start of
 50 steps is as good before the first sweep; one is made all the same.
 
+Where *inputs are bounded*, v is between -0.2 and 0.9 m/s, and phi between -1.5 and 1.5: of the plan
+some stand at a bound. PyPose takes bounds and ignores them.
+
 CasADi with IPOPT solves the same nonlinear programme by multiple shooting, set up beforehand. Of a
 batch it solves up to 16 plans, one after another, and its time is scaled to that of all. PyPose
 plans for one car at a time, too.
 """
 
-from functools import cache
+from functools import cache, partial
 
 import pytest
 import torch
@@ -71,15 +74,18 @@ def ipopt(T):
     }
     quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
     solver, follow = casadi.nlpsol("solver", "ipopt", programme, quiet), f.mapaccum(T)
+    free = torch.full((4 * T + 4,), torch.inf)
 
-    def solve(x, target, u=None):
+    def solve(x, target, u=None, u_lower=-free[:2], u_upper=free[:2]):
         states = x.expand(T + 1, 4)
         if u is not None:
             states = torch.from_numpy(follow(x.numpy(), u.mT.numpy()).full()).mT
             states = torch.cat([x[None], states])
         u = torch.zeros(T, 2) if u is None else u
         guess = torch.cat([u.flatten(), states.flatten()]).numpy()
-        result = solver(x0=guess, p=torch.cat([x, target]).numpy(), lbg=0, ubg=0)
+        box = torch.cat([u_lower.repeat(T), -free]), torch.cat([u_upper.repeat(T), free])
+        bounds = dict(zip(("lbx", "ubx"), (z.numpy() for z in box)), lbg=0, ubg=0)
+        result = solver(x0=guess, p=torch.cat([x, target]).numpy(), **bounds)
         return torch.from_numpy(result["x"].full()[: 2 * T]).reshape(T, 2)
 
     return solve
@@ -122,7 +128,7 @@ def compiled(T):
 
 
 def planner(mpc):
-    return lambda x, target, u=None: mpc.solve(0.1, x, target, u).u
+    return lambda x, target, u=None, **bounds: mpc.solve(0.1, x, target, u, **bounds).u
 
 
 SIDES = {
@@ -196,6 +202,18 @@ def test_one_plan_to_a_millionth(benchmark, side, make, least, T, warm):
     benchmark.extra_info["sweeps"] = sweeps
     compare(benchmark, side, solve, best, *problem)
     assert benchmark.extra_info["worse"] < CLOSE
+
+
+@pytest.mark.parametrize("side", ["ours", "ours, compiled", "IPOPT"])
+@pytest.mark.parametrize("T", [8, 20, 50])
+def test_one_bounded_plan(benchmark, side, T):
+    bounds = {"u_lower": torch.tensor([-0.2, -1.5]), "u_upper": torch.tensor([0.9, 1.5])}
+    (x,), (target,) = problems()
+    best = ours(T)(x, target, **bounds)
+    assert 0 < sum((best == bound).sum() for bound in bounds.values()) < best.numel()
+    benchmark.group = f"One plan of {T} steps, cold, inputs are bounded"
+    compare(benchmark, side, partial(SIDES[side](T), **bounds), best, x, target)
+    assert benchmark.extra_info["worse"] < SAME
 
 
 @pytest.mark.parametrize("side", ["ours", "ours, compiled", "IPOPT"])

@@ -29,7 +29,10 @@ def run_book(tmp_path_factory):
         for name, cells in chapters.items():
             (root / "book" / name).write_text(HEADER + cells)
         command = [sys.executable, "-m", "pytest", "book", "-q", "--color=no"]
-        done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=240)
+        env = os.environ | {"PYTEST_ADDOPTS": ""}
+        done = subprocess.run(
+            command, cwd=root, env=env, capture_output=True, text=True, timeout=240
+        )
         return root, done.stdout
 
     return run

@@ -90,6 +90,15 @@ def test_the_scoreboard_has_every_claim_of_every_chapter():
     assert len(names) >= claims > 0
 
 
+def drawn(page):
+    """The page's widgets, once all are drawn and typeset: a slider and a picture each."""
+    widgets = page.locator('script[type="application/vnd.jupyter.widget-view+json"]').count()
+    boxes = page.locator(".jupyter-widgets.widget-vbox:has(.noUi-handle):has(img)")
+    playwright.expect(boxes).to_have_count(widgets, timeout=60_000)
+    page.evaluate("() => window.MathJax?.startup?.promise")
+    return boxes
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_page_reports_no_error_and_asks_only_its_own_server(name, page, server):
     asked, errors = [], []
@@ -97,6 +106,7 @@ def test_a_page_reports_no_error_and_asks_only_its_own_server(name, page, server
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda entry: errors.append(entry.text) if entry.type == "error" else None)
     page.goto(f"{server}/{name}.html", wait_until="networkidle")
+    drawn(page)
     assert [url for url in asked if not url.startswith((server, "data:", "blob:"))] == []
     assert [error for error in errors if "THEBE_JS_URL" not in error] == []  # the theme's own
 
@@ -123,9 +133,7 @@ def test_mathematics_is_typeset(name, page):
 @pytest.mark.parametrize("name", CHAPTERS)
 def test_every_widget_is_drawn_and_its_slider_moves_it_without_a_kernel(name, page):
     page.goto((HTML / f"{name}.html").as_uri())
-    widgets = page.locator('script[type="application/vnd.jupyter.widget-view+json"]').count()
-    boxes = page.locator(".jupyter-widgets.widget-vbox:has(.noUi-handle):has(img)")
-    playwright.expect(boxes).to_have_count(widgets, timeout=60_000)
+    boxes = drawn(page)
     for box in boxes.all():
         picture = box.locator("img:visible")
         before = picture.get_attribute("src")

@@ -73,8 +73,22 @@ class Witness(Simulator):
         self.server.close()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def usual_signals():
+    """Signals as a terminal leaves them: in the background, or under nohup, some are ignored."""
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    found = {number: signal.signal(number, action) for number, action in usual.items()}
+    yield
+    for number, action in found.items():
+        signal.signal(number, action)
+
+
 @pytest.fixture(scope="module")
-def drivers():
+def drivers(usual_signals):
     """A program that starts drivers."""
     with subprocess.Popen(
         [sys.executable, str(DRIVER)],

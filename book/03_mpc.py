@@ -40,7 +40,7 @@ from IPython.display import display
 from torch.autograd import gradcheck
 
 import pypose_lite as pp
-from pypose_lite import go1, ilqr, infinity
+from pypose_lite import go1, infinity, sweeps
 from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()
@@ -232,7 +232,7 @@ claim("never_rises", (costs.diff() <= 0).all(), equals=True)
 # library's gap below $10^{-10}$: as late as ours, some sweeps earlier, or ten times earlier?
 
 # %%
-print(inspect.getsource(ilqr.sweep).split('"""')[2])
+print(inspect.getsource(sweeps.sweep).split('"""')[2])
 solved, gaps = mpc.solve(dt, W[0], W[3]), {}
 fig, ax = plt.subplots(figsize=(7, 3))
 for name, history in [("by hand", costs), ("library", solved.history)]:
@@ -671,6 +671,6 @@ claim("dog_time", dt * walk.steps, below=15, unit="s")
 # more Gauss-Newton sweep.
 #
 # **Further reading.** Rawlings, Mayne and Diehl {cite}`rawlings2017`, chapters 1 and 8; Tassa,
-# Mansard and Todorov {cite}`tassa2014` on bounds; the source of `pypose_lite/ilqr.py`.
+# Mansard and Todorov {cite}`tassa2014` on bounds; `sweeps.py` and `ilqr.py` of the library.
 #
 # Next: chapter 4 gives the car better eyes.

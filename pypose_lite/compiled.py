@@ -16,20 +16,9 @@ import torch
 from torch import Tensor
 
 from .batched import from_rows, to_rows
-from .ilqr import (
-    STEPS,
-    SWEEPS,
-    Iterate,
-    Solution,
-    apart,
-    first,
-    follow,
-    improve,
-    only_member,
-    optimize,
-    start,
-)
+from .ilqr import SWEEPS, Iterate, Solution, apart, first, improve, only_member, optimize, start
 from .problem import Problem
+from .sweeps import STEPS, follow
 
 AT_ONCE = 1024  # members in a call: what they need fits the cache of a processor
 OPTIONS: dict[str, Any] = {

@@ -1,7 +1,6 @@
-"""Iterative LQR: linearise around a plan, solve that LQR, walk as far as it helps, repeat.
+"""Iterative LQR: sweeps of `sweeps.py`, repeated until the next one would change nothing.
 
-Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `implicit.py`
-differentiates what comes out.
+Sequences have time first, ``(T, ..., n)``. `implicit.py` differentiates what comes out.
 """
 
 import math
@@ -12,13 +11,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .batched import bmv, cat, where
+from .batched import where
 from .problem import Problem, rollout
-from .riccati import homogeneous_cost, homogeneous_dynamics, riccati_step
-from .scan import Steps, every, in_numpy, some
+from .scan import in_numpy
+from .sweeps import search, sweep
 
 SWEEPS = 200  # at most
-STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
 
 
 class Solution(NamedTuple):
@@ -35,154 +33,6 @@ class Solution(NamedTuple):
         """Returns the plan as the only member of a batch ``(1,)``."""
         dims = (1, 1, 0, 0, 0, 1)
         return Solution(*(z.unsqueeze(d) for d, z in zip(dims, self)))
-
-
-def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Tensor | None = None):
-    """Returns states and inputs of ``u = U + k + K (x - X)``, kept within the box.
-
-    Several ``steps (S,)`` scale k and are tried at once; they add a dimension after time.
-    """
-    limits: list[Tensor] = list(problem.limits(U) or ())
-    t = problem.times(U)
-    if steps is not None:
-        X, U, K, t, *limits = (z.unsqueeze(1) for z in (X, U, K, t, *limits))
-        x_init = x_init.expand(steps.shape[0], *x_init.shape)
-        steps = steps.reshape(-1, *[1] * (U.ndim - 2))
-    k, K = K[..., -1], K[..., :-1]
-    aim = U + (k if steps is None else steps * k)
-
-    def move(x, t, K, X, aim, *limits):
-        u = aim + bmv(K, x - X)
-        u = torch.clamp(u, *limits) if limits else u
-        return (problem.system.transition(x, u, t.reshape(())),), (x, u)
-
-    known = Steps((t, K, X[:-1], aim, *limits), U.ndim - 2)
-    (last,), (states, inputs) = known.scan(move, x_init)
-    return torch.cat([states, last[None]]), inputs
-
-
-def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
-    """Returns ``f, A, B``, the slope ``q`` and curvature ``Q`` of the cost around a plan, and None.
-
-    Of one step, or of all: x, u, t and the problem's tensors are those of the same steps.
-    """
-    return *problem.system.linearize_transition(x, u, t), *problem.expand_cost(x, u), None
-
-
-def newton_model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
-    """Returns :func:`model`, without a graph; its last result says what the dynamics add to Q.
-
-    It is a function of the costates ``l (..., n)`` and makes Newton's model of Gauss-Newton's:
-
-        l_t = dc_t/dx + A_t' l_t+1                                    (1)
-        sum_i l_t+1,i  d2 f_i / d[u, x]2                              (2)
-    """
-    f, A, B, curve = problem.system.expand_transition(x, u, t)
-    m = u.shape[-1]
-    return f, A, B, *problem.expand_cost(x, u), lambda l: curve(l).roll((m, m), (-2, -1))  # (2)
-
-
-def costates(A: Tensor, q: Tensor) -> Tensor:
-    """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
-    l = torch.zeros_like(A[0, ..., 0] + q[0, ..., -A.shape[-1] :])
-    return Steps((A, q), A.ndim - 3, reverse=True).scan(earlier, l, arithmetic=True)[1][0]
-
-
-def earlier(l: Tensor, A: Tensor, q: Tensor) -> tuple[tuple[Tensor], tuple[Tensor]]:
-    """Returns the costate one step earlier, and that of this step: the body of a loop."""
-    return (q[..., -l.shape[-1] :] + bmv(A.mT, l),), (l,)  # (1)
-
-
-def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor | None):
-    """Returns gains ``(T, ..., m, n+1)``, the change of cost that they promise, what failed.
-
-    Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
-    Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
-    """
-    m, n, batch, newton = U.shape[-1], X.shape[-1], X.shape[1:-1], exact is not None
-    l, V, zero = X.new_zeros(X.shape[1:]), X.new_zeros(*batch, n + 1, n + 1), X.new_zeros(batch)
-
-    def modelled(x, u, t, Q, p, r, damping, exact, *box):  # the LQR around the plan
-        here = problem._replace(Q=Q, p=p, r=r)
-        _, A, B, q, Q, curve = (newton_model if newton else model)(here, x, u, t)
-        if not every(damping == 0):
-            on_u = (torch.arange(m + n, device=q.device) < m).to(q.dtype)
-            Q = Q + torch.diag_embed(damping[..., None] * on_u)
-        return A, q, B, Q, curve, exact, *box
-
-    def curved(l, A, q, B, Q, curve, exact, *box):  # after the costates: Newton's model of it
-        Q = Q + torch.where(exact[..., None, None] > 0, curve(l), 0)
-        return A, q, B, Q, curve, exact, *box
-
-    def homogeneous(A, q, B, Q, curve, exact, *box):
-        return homogeneous_cost(Q, q), homogeneous_dynamics(A, B), *box
-
-    def back(V, failed, M, G, *box):
-        V, K, now = riccati_step(V, M, G, box or None)
-        return (V, failed + now), (K,)
-
-    given = X[:-1], U, problem.times(U), problem.Q, problem.p, problem.r
-    flags = (z.expand(len(U), *batch) for z in (damping, zero if exact is None else exact.to(X)))
-    steps = Steps((*given, *flags, *(problem.box(U) or ())), len(batch), reverse=True)
-    gauss = steps.map(modelled)
-    best = gauss.accumulate(earlier, l, reads=2).map(curved) if newton else gauss
-    (V1, failed), (K,) = best.map(homogeneous).scan(back, V, zero, arithmetic=True)
-    gain, failed = V1[..., -1, -1] / 2, failed > 0
-    if newton and some(failed):
-        (V2, failed2), (K2,) = gauss.map(homogeneous).scan(back, V, zero, arithmetic=True)
-        K = torch.where(failed[..., None, None], K2, K)
-        gain = torch.where(failed, V2[..., -1, -1] / 2, gain)
-        failed = failed & (failed2 > 0)
-    return K, gain, failed
-
-
-def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, step=None):
-    """Returns the trajectory after one step along the gains, its cost, and whether it helped.
-
-    The full step is taken where it keeps a small part of its promise; else the best of several
-    shorter ones; else none. They are tried where the full one does not help, or always while torch
-    compiles, as that cannot look. With ``step (...)`` only that length is tried.
-    """
-    rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
-    shorter = step is None and torch.compiler.is_compiling()
-    if step is not None:
-        K = cat([K[..., :-1], step[..., None, None] * K[..., -1:]], -1)
-    tried = follow(problem, X[0], X, U, K, STEPS.to(U) if shorter else None)
-    new = tuple(z[:, 0] for z in tried) if shorter else tried
-    new = (*new, _or_infinite(problem.cost(*new)))
-    helped = new[-1] <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if step is not None:
-        helped = torch.where(step < 1, new[-1] < cost, helped)
-    elif not shorter and not helped.all():
-        tried = follow(problem, X[0], X, U, K, STEPS.to(U))
-        shorter = True
-    if shorter:
-        best = _best(problem, *(z[:, 1:] for z in tried))
-        new = _where(helped, new, best)
-        helped = helped | (best[-1] < cost)
-    return (*_where(helped, new, (X, U, cost)), helped)
-
-
-def _best(problem: Problem, Xs: Tensor, Us: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the cheapest of trajectories ``(T+1, S, ..., n)``, and its cost."""
-    costs = torch.stack([problem.cost(Xs[:, i], Us[:, i]) for i in range(Xs.shape[1])])
-    cost, best = _or_infinite(costs).min(0)
-    pick = best.expand(1, 1, *best.shape)[..., None]
-    return Xs.take_along_dim(pick, 1)[:, 0], Us.take_along_dim(pick, 1)[:, 0], cost
-
-
-def _where(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns states, inputs and cost of one or the other plan for each member of a batch."""
-    if every(mask):
-        return these
-    masks = mask[..., None], mask[..., None], mask
-    X, U, cost = (torch.where(*choice) for choice in zip(masks, these, those))
-    return X, U, cost
-
-
-def _or_infinite(cost: Tensor) -> Tensor:
-    """Returns a cost that no plan can prefer where it is not finite."""
-    return cost.nan_to_num(torch.inf, torch.inf, torch.inf)
 
 
 DIMS = (1, 1, 0, 0, 0, 0, 0, 0, 0)  # where each part of an iterate has its batch

@@ -21,9 +21,10 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
 from .batched import bmv
-from .ilqr import Solution, costates, model, newton_model
+from .ilqr import Solution
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
+from .sweeps import costates, model, newton_model
 
 
 def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solution:

@@ -8,11 +8,12 @@ import warnings
 import torch
 from torch import Tensor
 
-from .ilqr import follow, model, optimize, refuse_divergence
+from .ilqr import optimize, refuse_divergence
 from .implicit import differentiable
 from .linear import LTI
 from .problem import OptimalControl, Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
+from .sweeps import follow, model
 
 
 class LQR(OptimalControl):

@@ -1,6 +1,7 @@
 """Model predictive control: plan T steps ahead, take the first, plan again.
 
-Chapter 3 builds it; the sweeps are in `ilqr.py`, the gradient in `implicit.py`.
+Chapter 3 builds it; a sweep is in `sweeps.py`, all of them in `ilqr.py`, the gradient in
+`implicit.py`.
 """
 
 import copy

@@ -20,7 +20,8 @@ from oracles import (
 )
 
 import pypose_lite as pp
-from pypose_lite import ilqr
+from pypose_lite.ilqr import start
+from pypose_lite.sweeps import follow
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -119,9 +120,9 @@ def test_a_shorter_step_shortens_the_change_and_not_the_feedback(g):
     """Several lengths at once, on a batch: each as by hand."""
     mpc, x = pp.MPC(Clockwork().reset(1), torch.eye(3), None, 4), draw(g, 3, 2)
     problem, x_init, U, _ = mpc._pose(x, None, draw(g, 3, 4, 1), None, None, None)
-    X, K = ilqr.rollout(problem, x_init, U), draw(g, 4, 3, 1, 3)
+    X, K = start(problem, x_init, U).X, draw(g, 4, 3, 1, 3)
     lengths = torch.tensor([1.0, 0.3])
-    Xs, Us = ilqr.follow(problem, x_init, X, U, K, lengths)
+    Xs, Us = follow(problem, x_init, X, U, K, lengths)
     for i, step in enumerate(lengths):
         for t in range(4):
             feedback = pp.bmv(K[t, ..., :-1], Xs[t, i] - X[t])

@@ -360,11 +360,22 @@ claim("sweeps_cold", cold_sweeps[same_aim].mean(), above=3, below=6)
 claim("sweeps_warm", warm_sweeps[same_aim].mean(), below=4)
 saved = cold_sweeps - warm_sweeps
 claim("saved_at_new_aim", saved[~same_aim].mean(), above=-1, below=2)
+hasty = pp.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=1))
+once = hasty.solve(dt, lap.x[1:-1], W[lap.goal[1:]], u_init=pp.shift(plans.u[:-1]))
+worse, run = 100 * (once.cost / warm.cost - 1), infinity.drive(hasty, steps=60)
+claim("hasty_costs", worse[same_aim].max(), below=0.001, unit="%")
+claim("hasty_at_new_aim", worse[~same_aim].max(), above=1, below=20, unit="%")
+claim("hasty_error", infinity.tracking_error(run.x).mean(), below=0.07, unit="m")
 
 # %% [markdown]
 # With the same aim as before, {claim}`sweeps_warm` sweeps instead of {claim}`sweeps_cold`: near the
 # end each doubles the digits, so that twice as many to begin with save just one. Just after a new
 # aim the old plan leads to the wrong place, and the warm start saves {claim}`saved_at_new_aim`.
+#
+# Who has no time for more makes a single sweep in each step: *real-time iteration*
+# {cite}`diehl2005`. With the same aim that costs {claim}`hasty_costs` more than the best plan, with
+# a new one {claim}`hasty_at_new_aim`, and the lap strays {claim}`hasty_error` from the path, not
+# {claim}`mean_error`.
 #
 # ### Horizon
 #

@@ -11,8 +11,8 @@ Where a table says *to a millionth*, both sides are told beforehand how many swe
 plan that costs no more than that above the best. PyPose cannot make less than two. A warm start of
 50 steps is as good before the first sweep; one is made all the same.
 
-Where *inputs are bounded*, v is between -0.2 and 0.9 m/s, and phi between -1.5 and 1.5, so that some
-inputs of each plan stand at a bound. PyPose takes bounds and ignores them.
+Where *inputs are bounded*, v is between -0.2 and 0.9 m/s, and phi between -1.5 and 1.5, so that
+some inputs of each plan stand at a bound. PyPose takes bounds and ignores them.
 
 CasADi with IPOPT solves the same nonlinear programme by multiple shooting, set up beforehand. Of a
 batch it solves up to 16 plans, one after another, and its time is scaled to that of all. PyPose

@@ -35,8 +35,8 @@ def panels(draw: Callable[[Any], Figure], values: Sequence[Any], label: str) -> 
     slider = ipywidgets.SelectionSlider(
         options=[str(value) for value in values],
         description=label,
-        style={"description_width": "initial"},
     )
+    stretch(slider)
     ipywidgets.jslink((slider, "index"), (stack, "selected_index"))
     return ipywidgets.VBox([slider, stack])
 
@@ -56,7 +56,14 @@ def live(draw: Callable[..., Figure], **sliders: ipywidgets.ValueWidget) -> ipyw
 
     for name, slider in sliders.items():
         slider.description = slider.description or name
+        stretch(slider)
         slider.continuous_update = False  # one drawing a move, not one a pixel
         slider.observe(redraw, names="value")
     redraw()
     return ipywidgets.VBox([*sliders.values(), picture])
+
+
+def stretch(slider: ipywidgets.ValueWidget) -> None:
+    """Gives a slider's label the room that it needs, and its track as much again."""
+    slider.style.description_width = "initial"
+    slider.layout.width, slider.layout.max_width = "30em", "100%"

@@ -247,6 +247,8 @@ claim("left_by_a_sweep", (ours[9] / ours[5]) ** (1 / 4), above=0.02, below=0.1)
 claim("sweeps_by_hand", (ours > 1e-10).sum(), below=16)
 claim("digits_grow", theirs[6].log() / theirs[5].log(), above=1.6, below=2.6)
 claim("sweeps_of_library", (theirs > 1e-10).sum(), below=9)
+again = mpc.solve(dt, W[0], W[3], u_init=solved.u)
+claim("one_more_sweep", (again.u - solved.u).abs().max(), below=1e-8)
 
 # %% [markdown]
 # <details><summary>Answer</summary>
@@ -256,8 +258,9 @@ claim("sweeps_of_library", (theirs > 1e-10).sum(), below=9)
 # $H$ knows the curvature of the cost, but takes $f$ for a plane. That is *Gauss-Newton*. Near the
 # end the library adds the curvature of $f$ (`exact`), and a sweep brings {claim}`digits_grow` times
 # as many digits: *Newton*. So it can tell how little the next sweep would change, and does without
-# the last one. Far away, where that curvature may mislead, it does as we do. And where a sweep
-# promised too much, it raises the price of changes for the next one (`damping`).
+# it where that is next to nothing, here {claim}`one_more_sweep`. Far away, where that curvature may
+# mislead, it does as we do. And where a sweep promised too much, it raises the price of changes for
+# the next one (`damping`).
 #
 # </details>
 #
@@ -359,6 +362,7 @@ claim("same_plans", (warm.u - plans.u[1:]).abs().max(), below=1e-6)
 claim("sweeps_cold", cold_sweeps[same_aim].mean(), above=3, below=6)
 claim("sweeps_warm", warm_sweeps[same_aim].mean(), below=4)
 saved = cold_sweeps - warm_sweeps
+claim("saved", saved[same_aim].mean(), above=0.5, below=2)
 claim("saved_at_new_aim", saved[~same_aim].mean(), above=-1, below=2)
 hasty = pp.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=1))
 once = hasty.solve(dt, lap.x[1:-1], W[lap.goal[1:]], u_init=pp.shift(plans.u[:-1]))
@@ -369,8 +373,9 @@ claim("hasty_error", infinity.tracking_error(run.x).mean(), below=0.07, unit="m"
 
 # %% [markdown]
 # With the same aim as before, {claim}`sweeps_warm` sweeps instead of {claim}`sweeps_cold`: near the
-# end each doubles the digits, so that twice as many to begin with save just one. Just after a new
-# aim the old plan leads to the wrong place, and the warm start saves {claim}`saved_at_new_aim`.
+# end each doubles the digits, so that twice as many to begin with save one, here {claim}`saved`.
+# Just after a new aim the old plan leads to the wrong place, and the warm start saves
+# {claim}`saved_at_new_aim`.
 #
 # Who has no time for more makes a single sweep in each step: *real-time iteration*
 # {cite}`diehl2005`. With the same aim that costs {claim}`hasty_costs` more than the best plan, with

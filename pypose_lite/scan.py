@@ -62,16 +62,15 @@ class Steps(NamedTuple):
             return _compiled(self._replace(todo=(*self.todo, (body, carry))))
 
         def loop(*zs):
-            carry, steps, given = zs[:count], list(zip(*zs[count:])), []
+            carry, steps, gives = zs[:count], list(zip(*zs[count:])), []
             for known in reversed(steps) if self.reverse else steps:
                 carry, ys = body(*carry, *known)
-                given.append(ys)
-            return *carry, *map(stack, zip(*(given[::-1] if self.reverse else given)))
+                gives.append(ys)
+            return *carry, *map(stack, zip(*(gives[::-1] if self.reverse else gives)))
 
-        count = len(carry)
-        quick = arithmetic and not self.batch
-        zs = (in_numpy if quick else _in_torch)(loop, *carry, *self.known)
-        return zs[:count], zs[count:]
+        count, given = len(carry), (*carry, *self.known)
+        ys = in_numpy(loop, *given) if arithmetic and not self.batch else loop(*given)
+        return ys[:count], ys[count:]
 
 
 def in_numpy(function: Callable, *zs: Tensor) -> Tensors:
@@ -94,10 +93,6 @@ def some(mask: Tensor) -> bool:
 def every(mask: Tensor) -> bool:
     """Returns whether all are True; compiled code cannot ask, and does not count on it."""
     return not torch.compiler.is_compiling() and bool(mask.all())
-
-
-def _in_torch(function: Callable, *zs: Tensor) -> Tensors:
-    return function(*zs)
 
 
 def _shared_with_numpy(z: Tensor) -> bool:

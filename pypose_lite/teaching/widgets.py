@@ -64,6 +64,6 @@ def live(draw: Callable[..., Figure], **sliders: ipywidgets.ValueWidget) -> ipyw
 
 
 def stretch(slider: ipywidgets.ValueWidget) -> None:
-    """Gives a slider's label the room that it needs, and its track as much again."""
+    """Gives a slider room for all of its label, and a track long enough to move along."""
     slider.style.description_width = "initial"
     slider.layout.width, slider.layout.max_width = "30em", "100%"

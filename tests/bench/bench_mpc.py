@@ -170,7 +170,7 @@ def excess(x, target, u, best):
     return price(x, target, u) / price(x, target, best) - 1
 
 
-def one(T, warm):
+def single(T, warm):
     """The best inputs, and the problem: a start, a target, inputs to start from or None."""
     (x,), (target,) = problems()
     best = ours(T)(x, target)
@@ -184,16 +184,31 @@ def one(T, warm):
 @pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
 @pytest.mark.parametrize("T", HORIZONS)
 def test_one_plan(benchmark, side, T, warm):
-    best, problem = one(T, warm)
+    best, problem = single(T, warm)
     benchmark.group = f"One plan of {T} steps, {'warm' if warm else 'cold'}"
     compare(benchmark, side, SIDES[side](T), best, *problem)
+
+
+@pytest.mark.parametrize("T", HORIZONS)
+def test_what_the_page_says_of_pypose_and_of_warm_starts(monkeypatch, T):
+    """Its sweeps are counted; of a warm start of 50 steps nothing is left to gain."""
+    lqr, made = pytest.importorskip("pypose").module.LQR, []
+    forward = lqr.forward
+    monkeypatch.setattr(lqr, "forward", lambda *args, **kw: made.append(1) or forward(*args, **kw))
+    for warm in (False, True):
+        best, problem = single(T, warm)
+        for options, sweeps in (({}, 2), ({"tol": -torch.inf}, 6), ({"steps": 1}, 2)):
+            made.clear()
+            pypose_mpc(T, **options)(*problem)
+            assert len(made) == sweeps
+    assert (excess(*problem[:2], problem[2], best) < CLOSE) == (T == 50)
 
 
 @pytest.mark.parametrize(["side", "make", "least"], [("ours", ours, 1), ("PyPose", pypose_mpc, 2)])
 @pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
 @pytest.mark.parametrize("T", HORIZONS)
 def test_one_plan_to_a_millionth(benchmark, side, make, least, T, warm):
-    best, problem = one(T, warm)
+    best, problem = single(T, warm)
     for sweeps in range(least, 20):
         solve = make(T, steps=sweeps, tol=-torch.inf)
         if excess(*problem[:2], solve(*problem), best) < CLOSE:

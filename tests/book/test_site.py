@@ -137,5 +137,6 @@ def test_every_widget_is_drawn_and_its_slider_moves_it_without_a_kernel(name, pa
     for box in boxes.all():
         picture = box.locator("img:visible")
         before = picture.get_attribute("src")
+        assert box.locator(".noUi-target").first.bounding_box()["width"] > 150  # pixels
         box.locator(".noUi-handle").first.press("ArrowRight")
         playwright.expect(picture).not_to_have_attribute("src", before)

@@ -76,8 +76,10 @@ def test_single_plans_are_compiled_once_and_go_the_same_way_sweep_by_sweep(pair,
         for mpc in pair:
             patch.setattr(mpc, "stepper", pp.utils.ReduceToBason(steps=3))
         plans = [mpc.solve(0.1, W[0], W[2]) for mpc in pair]
+        only = fast.solve(0.1, W[:1], W[2:3])  # of a batch, and as quick
     assert plans[1].iterations == 3 and not plans[1].converged
     close(plans[1].history, plans[0].history, 1e-9)
+    close(only.history[:, 0], plans[1].history, 0)
     with pytest.raises(ValueError, match="the rollout from it diverges"):
         fast.solve(0.1, W[0], W[2], torch.full((6, 2), 1e308))
 

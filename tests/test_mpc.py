@@ -264,12 +264,15 @@ def test_every_argument_may_have_a_batch_of_its_own(g, lead):
             close(a[i], b, 1e-8)
 
 
-def test_the_only_member_of_a_batch_is_planned_for_as_if_it_were_alone(g):
+@pytest.mark.parametrize("steps", [2, 100])
+def test_the_only_member_of_a_batch_is_planned_for_as_if_it_were_alone(g, steps):
     x, target, (Q, p) = draw(g, 4), draw(g, 4), weights(g, 6, ())
-    mpc, box = pp.MPC(pp.DubinsCar(), Q, p, 5), {"u_lower": -0.5, "u_upper": 0.5}
+    mpc = pp.MPC(pp.DubinsCar(), Q, p, 5, pp.utils.ReduceToBason(steps, tol=0))
+    box = {"u_lower": -0.5, "u_upper": 0.5}
     batch = mpc.solve(0.1, x[None], target[None], **box)
     alone = mpc.solve(0.1, x, target, **box)
     assert batch.history.shape == (*alone.history.shape, 1)
+    assert (batch.iterations == 2) == (steps == 2)
     for a, b in zip((*batch[:-1], batch.history.mT), alone):
         close(a[0], b, 0)
 

@@ -90,11 +90,9 @@ class CompiledOptimizer:
         stuck = _stuck(at, new)
         if not stuck.any():
             return new
-        misled = torch.isinf(new.promised)  # Newton's model has no minimum
         rows, lengths = stuck.nonzero()[:, 0], STEPS.to(at.cost)
         again, lengths = rows.repeat(len(lengths)), lengths.repeat_interleave(len(rows))
-        at = at._replace(exact=at.exact & ~misled).members(again)
-        tried = self._step(problem.members(again), at, lengths)
+        tried = self._step(problem.members(again), at.members(again), lengths)
         best = tried.cost.reshape(-1, len(rows)).argmin(0)
         best = best * len(rows) + torch.arange(len(rows), device=rows.device)
         return new.replaced(rows, tried.members(best))
@@ -150,12 +148,9 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
         return (left > 0) & ~Iterate(*at).converged
 
     def sweep(left, history, *at):
-        at = Iterate(*at)
-        new = improve(problem, at, True)
-        misled = torch.isinf(new.promised) & at.exact  # Newton's model has no minimum
-        new = at._replace(exact=torch.zeros_like(at.exact)).unless(misled, new)
+        new = improve(problem, Iterate(*at), True)
         history = torch.where(steps == new.iterations, new.cost, history)
-        return left - (~misled).to(left.dtype), history, *(z.clone() for z in new)
+        return left - 1, history, *(z.clone() for z in new)
 
     at = at._replace(X=X, U=U, cost=cost)
     _, history, *rest = while_loop(goes_on, sweep, (left.clone(), history, *at))
@@ -170,8 +165,8 @@ def _shares(count: int) -> list[slice]:
 
 
 def _stuck(at: Iterate, new: Iterate) -> Tensor:
-    """Returns whether a sweep has led nowhere."""
-    return ~(new.cost < at.cost) & ~new.converged
+    """Returns whether a sweep has led nowhere, though its model had a minimum."""
+    return ~(new.cost < at.cost) & ~new.converged & torch.isfinite(new.promised)
 
 
 def _unmoved(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:

@@ -17,6 +17,7 @@ from .scan import in_numpy
 from .sweeps import search, sweep
 
 SWEEPS = 200  # at most
+NEAR = 0.03  # a change of u that leads to where Newton's model should have a minimum
 
 
 class Solution(NamedTuple):
@@ -77,7 +78,7 @@ def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = N
     """
     m, exact = at.U.shape[-1], at.exact if newton else torch.zeros_like(at.exact)
     K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact if newton else None)
-    K = torch.where(failed[..., None, None], 0, K)
+    K, gain = torch.where(failed[..., None, None], 0, K), torch.where(failed, 0, gain)  # stays
     X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, step)
     size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
     unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
@@ -98,6 +99,8 @@ def judge(
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
     tenfold below a quarter and shrinks above three. Newton's curvature is tried where
     Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
+    A sweep whose model has no minimum changes nothing: Gauss-Newton's comes next, or, near the
+    solution, where that could take a hundred sweeps, Newton's with more damping.
 
     A plan has converged when its next step would be too small to matter. Newton's steps shrink
     quadratically, each to some constant times the square of the one before: a sweep that kept its
@@ -125,10 +128,13 @@ def judge(
     arrives = exact & (damping == 0) & as_promised & same & (next_size <= eps**0.6)
     lowered = where(damping > 1e-6 * unit, damping / 10, 0)
     raised = where(damping > 1e-4 * unit, 10 * damping, 1e-3 * unit)
+    near = last < NEAR
     steady = where((kept > 0.75) | at_rest, lowered, damping)
-    damped = where(((kept < 0.25) & (size > eps**0.5)) | failed, raised, steady)
+    damped = where((kept < 0.25) & (size > eps**0.5), raised, steady)
+    damped = where(failed, where(exact & ~near, damping, raised), damped)
+    newton = where(failed, near, (kept < 0.8) | (size < 0.3))
     converged = (at_rest | arrives) & ~failed & (damping <= unit)
-    return where(failed, math.inf, -gain), size, damped, (kept < 0.8) | (size < 0.3), converged
+    return where(failed, math.inf, -gain), where(failed, last, size), damped, newton, converged
 
 
 def same_bounds(problem: Problem, U: Tensor, new: Tensor) -> Tensor:

@@ -85,11 +85,6 @@ def in_numpy(function: Callable, *zs: Tensor) -> Tensors:
     return tuple(torch.from_numpy(np.asarray(y)) for y in ys)
 
 
-def some(mask: Tensor) -> bool:
-    """Returns whether any is True; compiled code cannot ask, and hopes that none is."""
-    return not torch.compiler.is_compiling() and bool(mask.any())
-
-
 def every(mask: Tensor) -> bool:
     """Returns whether all are True; compiled code cannot ask, and does not count on it."""
     return not torch.compiler.is_compiling() and bool(mask.all())

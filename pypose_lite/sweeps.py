@@ -9,7 +9,7 @@ from torch import Tensor
 from .batched import bmv, cat
 from .problem import Problem
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati_step
-from .scan import Steps, every, some
+from .scan import Steps, every
 
 STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
 
@@ -49,8 +49,8 @@ def earlier(l: Tensor, A: Tensor, q: Tensor) -> tuple[tuple[Tensor], tuple[Tenso
 def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor | None):
     """Returns gains ``(T, ..., m, n+1)``, the change of cost that they promise, what failed.
 
-    Where ``exact (...)`` is True and that has a minimum, the model is Newton's; else it is
-    Gauss-Newton's. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
+    Where ``exact (...)`` is True the model is Newton's, else Gauss-Newton's. A model without a
+    minimum has failed. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
     m, n, batch, newton = U.shape[-1], X.shape[-1], X.shape[1:-1], exact is not None
     l, V, zero = X.new_zeros(X.shape[1:]), X.new_zeros(*batch, n + 1, n + 1), X.new_zeros(batch)
@@ -77,16 +77,11 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     given = X[:-1], U, problem.times(U), problem.Q, problem.p, problem.r
     flags = (z.expand(len(U), *batch) for z in (damping, zero if exact is None else exact.to(X)))
     steps = Steps((*given, *flags, *(problem.box(U) or ())), len(batch), reverse=True)
-    gauss = steps.map(modelled)
-    best = gauss.accumulate(earlier, l, reads=2).map(curved) if newton else gauss
-    (V1, failed), (K,) = best.map(homogeneous).scan(back, V, zero, arithmetic=True)
-    gain, failed = V1[..., -1, -1] / 2, failed > 0
-    if newton and some(failed):
-        (V2, failed2), (K2,) = gauss.map(homogeneous).scan(back, V, zero, arithmetic=True)
-        K = torch.where(failed[..., None, None], K2, K)
-        gain = torch.where(failed, V2[..., -1, -1] / 2, gain)
-        failed = failed & (failed2 > 0)
-    return K, gain, failed
+    steps = steps.map(modelled)
+    if newton:
+        steps = steps.accumulate(earlier, l, reads=2).map(curved)
+    (V, failed), (K,) = steps.map(homogeneous).scan(back, V, zero, arithmetic=True)
+    return K, V[..., -1, -1] / 2, failed > 0
 
 
 def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Tensor | None = None):

@@ -99,7 +99,6 @@ def test_members_that_a_full_step_misleads_try_shorter_ones(monkeypatch):
 
     monkeypatch.setattr(fast._optimize, "sweep", sweep)
     monkeypatch.setattr("pypose_lite.compiled.AT_ONCE", 4)
-    monkeypatch.setattr("pypose_lite.sweeps.some", lambda mask: False)  # compiled code cannot ask
     plans.append(fast.solve(0.1, x, target))
     assert (plans[0].iterations == plans[1].iterations).all() and plans[1].converged.all()
     close(plans[1].history, plans[0].history, 1e-9)

@@ -172,6 +172,16 @@ def test_a_cost_without_a_minimum_is_not_said_to_have_converged(g):
     assert torch.isfinite(plan.cost) and plan.cost < plan.history[0]
 
 
+def test_a_plan_leaves_the_saddle_that_it_comes_by():
+    """Newton's model has no minimum there, and with Gauss-Newton's 200 sweeps were too few."""
+    x = torch.tensor([[-0.6987, 1.0468, 1.0555, 0.4158], [0.2821, -0.8516, 0.3040, -0.8839]])
+    mpc, target = pp.infinity.controller(T=50), pp.infinity.waypoints()[[8, 3]]
+    plan = mpc.solve(0.1, x, target)
+    assert plan.converged.all()
+    for i in range(2):
+        assert slope(mpc.system, x[i], plan.u[i], mpc.Q, None, target[i]).abs().max() < 1e-6
+
+
 # --- P10-P12: linear systems, and time
 
 

@@ -98,7 +98,7 @@ def judge(
 
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
     tenfold below a quarter and shrinks above three. Newton's curvature is tried where
-    Gauss-Newton's misled, and near the solution (changes below a third), where it ends quickly.
+    Gauss-Newton's misled, and near the solution (changes below a quarter), where it ends quickly.
     A sweep whose model has no minimum changes nothing: Gauss-Newton's comes next, or, near the
     solution, where that could take a hundred sweeps, Newton's with more damping.
 
@@ -132,7 +132,7 @@ def judge(
     steady = where((kept > 0.75) | at_rest, lowered, damping)
     damped = where((kept < 0.25) & (size > eps**0.5), raised, steady)
     damped = where(failed, where(exact & ~near, damping, raised), damped)
-    newton = where(failed, near, (kept < 0.8) | (size < 0.3))
+    newton = where(failed, near, (kept < 0.8) | (size < 0.25))
     converged = (at_rest | arrives) & ~failed & (damping <= unit)
     return where(failed, math.inf, -gain), where(failed, last, size), damped, newton, converged
 

@@ -129,9 +129,9 @@ def judge(
     lowered = where(damping > 1e-6 * unit, damping / 10, 0)
     raised = where(damping > 1e-4 * unit, 10 * damping, 1e-3 * unit)
     near = last < NEAR
-    steady = where((kept > 0.75) | at_rest, lowered, damping)
-    damped = where((kept < 0.25) & (size > eps**0.5), raised, steady)
-    damped = where(failed, where(exact & ~near, damping, raised), damped)
+    misled = ((kept < 0.25) & (size > eps**0.5)) | (failed & (near | ~exact))
+    steady = ((kept > 0.75) | at_rest) & ~failed
+    damped = where(misled, raised, where(steady, lowered, damping))
     newton = where(failed, near, (kept < 0.8) | (size < 0.25))
     converged = (at_rest | arrives) & ~failed & (damping <= unit)
     return where(failed, math.inf, -gain), where(failed, last, size), damped, newton, converged

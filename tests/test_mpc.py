@@ -20,7 +20,7 @@ from oracles import (
 )
 
 import pypose_lite as pp
-from pypose_lite.ilqr import start
+from pypose_lite.ilqr import improve, start
 from pypose_lite.sweeps import follow
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -170,6 +170,16 @@ def test_a_cost_without_a_minimum_is_not_said_to_have_converged(g):
     plan = pp.MPC(pp.LTI(*matrices(g, 2, 1)), Q, None, 3).solve(None, draw(g, 2))
     assert not plan.converged and plan.iterations == 200
     assert torch.isfinite(plan.cost) and plan.cost < plan.history[0]
+
+
+def test_a_sweep_whose_model_has_no_minimum_changes_nothing(g):
+    Q, x = torch.diag(torch.tensor([-9.0, -9.0, 1.0])), draw(g, 20, 2)
+    mpc = pp.MPC(pp.LTI(*matrices(g, 2, 1)), Q, None, 3)
+    problem, x_init, U, _ = mpc._pose(x, None, None, None, None, None)
+    at = start(problem, x_init, U)
+    new = improve(problem, at, newton=False)
+    assert new.promised.isinf().all() and (new.damping > 0).all() and not new.converged.any()
+    close(new.U, at.U, 0)
 
 
 def test_a_plan_leaves_the_saddle_that_it_comes_by():

@@ -45,8 +45,8 @@ class Iterate(NamedTuple):
     X: Tensor
     U: Tensor
     cost: Tensor
-    promised: Tensor  # what the latest sweep hoped to gain, >= 0
-    size: Tensor  # of the step that it proposed, relative to U
+    promised: Tensor  # what the latest sweep hoped to gain, >= 0; inf: its model had no minimum
+    size: Tensor  # of the latest step that was proposed, relative to U
     damping: Tensor
     exact: Tensor  # whether the next sweep may use the exact curvature
     converged: Tensor

@@ -30,6 +30,12 @@ OPTIONS: dict[str, Any] = {
     "cpp_wrapper": True,  # loops are C++, too
     "inplace_buffers": False,  # else a loop's result is declared twice there
 }
+ALONE: dict[str, Any] = {
+    "fullgraph": True,
+    "dynamic": False,  # all sizes are known, but that of the batch
+    "isolate_recompiles": True,  # nothing is shared with other controllers
+    "recompile_limit": 64,  # for so many kinds of problems, and values of a system's numbers
+}
 
 
 class CompiledOptimizer:
@@ -44,9 +50,10 @@ class CompiledOptimizer:
 
         passes = {"post_grad_custom_pre_pass": Entries(), "_post_fusion_custom_pass": Unallocated()}
         options = OPTIONS | passes | {"guard_filter_fn": _guards} | options
-        single = dict(options)  # torch takes options out of what it is given
-        self.sweep = torch.compile(improve, fullgraph=True, options=options)
-        self.sweeps = torch.compile(improve_all, fullgraph=True, dynamic=False, options=single)
+        self.sweep, self.sweeps = (  # copies, as torch takes options out of what it is given
+            torch.compile(function, options=dict(options), **ALONE)
+            for function in (improve, improve_all)
+        )
         self.trusted: set[tuple] = set()
 
     def __call__(self, problem: Problem, x_init: Tensor, U: Tensor, stepper=None) -> Solution:

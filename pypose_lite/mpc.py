@@ -90,8 +90,9 @@ class MPC(OptimalControl):
         """Makes later solves faster: their sweeps are compiled when they first run.
 
         That takes a minute or two for each kind of problem: a single plan or batches of any size,
-        with bounds or without, and each T, the longest no longer than the others. The plans stay
-        the same, and the gradients.
+        with bounds or without, and each T, the longest no longer than the others. Numbers that the
+        system keeps are compiled, too, and changing one takes as long again; tensors may change.
+        The plans stay the same, and the gradients.
 
         Args:
             options: for torch's inductor.

@@ -60,6 +60,9 @@ def test_batches_of_any_size_are_compiled_once_and_keep_their_bounds(g, once):
         if count == 6:
             once()
     assert (plans[1].u == -0.2).any() or (plans[1].u == 0.3).any()
+    slow, fast = (pp.MPC(pp.CartPole(), torch.eye(5), None, 3) for _ in range(2))
+    x = draw(g, 6, 4)  # of other sizes, which is no recompilation of the other's code
+    close(compiled(fast).solve(None, x).u, slow.solve(None, x).u, 1e-9)
 
 
 def test_single_plans_are_compiled_once_and_go_the_same_way_sweep_by_sweep(pair, once, monkeypatch):
@@ -115,20 +118,22 @@ class Pulled(Clockwork):
         return PULL * SHAPE(super().state_transition(state, input, t))
 
 
-def test_a_global_that_a_system_reads_may_change(g, monkeypatch, once):
-    """A number or a function: what was compiled for another one is not used.
+def test_what_a_system_reads_may_change(g, monkeypatch, once):
+    """A number or a function, its own or global: what was compiled for another one is not used.
 
     Here matrices count as too large to be made entries, which changes no plan either.
     """
     monkeypatch.setattr("pypose_lite.entries.LARGEST", 0)
     Q, p = weights(g, 3)
-    fast, x = compiled(pp.MPC(Pulled(), Q, p, 2)), draw(g, 2)
+    system, x = Pulled(), draw(g, 2)
+    fast = compiled(pp.MPC(system, Q, p, 2))
     close(fast.solve(None, x).u, pp.MPC(Pulled(), Q, p, 2).solve(None, x).u, 1e-9)
     once()
     fast.solve(None, x)
-    for name, value in (("SHAPE", torch.tanh), ("PULL", 0.5)):
+    changes = (globals(), "SHAPE", torch.tanh), (globals(), "PULL", 2), (vars(system), "gain", 2)
+    for of, name, value in changes:
         with monkeypatch.context() as patch, pytest.raises(torch._dynamo.exc.RecompileError):
-            patch.setitem(globals(), name, value)
+            patch.setitem(of, name, value)
             fast.solve(None, x)
 
 

@@ -96,14 +96,16 @@ def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tup
     Two rounds: first the inputs that stand at a bound and are pushed outward are clamped, then
     also those that the remaining freedom sends across one. At a solution no second round is
     needed, so that iterations with this step end at a point where the bounds hold exactly.
+    What fails in the first round has failed, as nothing is known then of what to clamp.
     """
     push = Hu[..., -1]
     clamped = ((lower >= 0) & (push >= 0)) | ((upper <= 0) & (push <= 0))
     nearest = lower.clip(min=0) + upper.clip(max=0)  # to 0, in the box
-    K, _ = _free_gains(Huu, Hu, clamped, clamped * nearest)
+    K, failed = _free_gains(Huu, Hu, clamped, clamped * nearest)
     k = K[..., -1]
     clamped = clamped | (k < lower) | (k > upper)
-    return _free_gains(Huu, Hu, clamped, clamped * k.clip(lower, upper))
+    K, again = _free_gains(Huu, Hu, clamped, clamped * k.clip(lower, upper))
+    return K, failed + again
 
 
 def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:

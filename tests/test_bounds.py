@@ -115,6 +115,20 @@ def test_from_many_starts_bounded_swings_are_minima_found_downhill(g, kind):
         assert_kkt(slope(system, x[i], plan.u[i], Q), plan.u[i], -3.0, 2.0)
 
 
+@pytest.mark.parametrize("copies", [1, 16], ids=["few", "many"])
+def test_a_bounded_batch_goes_the_way_of_each_alone(copies):
+    """Also past models without a minimum, to which solvers of a batch give gains as they please."""
+    x = pp.infinity.waypoints()
+    target, bounds = x[torch.arange(17) * 5 % 17], {"u_lower": -2.0, "u_upper": 2.0}
+    mpc = pp.infinity.controller(T=20)
+    plans = mpc.solve(None, x.repeat(copies, 1), target.repeat(copies, 1), **bounds)
+    for i in range(0, 17, 2):
+        one = mpc.solve(None, x[i], target[i], **bounds)
+        assert (plans.iterations[i::17] == one.iterations).all()
+        close(plans.history[: len(one.history), i], one.history, 1e-9)
+        close(plans.u[i], one.u, 1e-7)
+
+
 def test_each_member_input_and_time_may_have_its_own_bounds(g):
     Q, p = weights(g, 3)
     mpc, x = pp.MPC(Clockwork(3.0).reset(2), Q, p, 5), 2 * draw(g, 4, 2)

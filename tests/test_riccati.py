@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 from torch.autograd import gradcheck
 
 import pypose_lite as pp
+from pypose_lite.batched import MANY
 from pypose_lite.riccati import homogeneous_cost, homogeneous_dynamics, riccati, riccati_step
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -89,8 +90,12 @@ def test_a_batched_run_is_the_stack_of_single_runs(g, lead):
 def test_a_step_whose_inputs_have_no_minimum_says_so(g):
     V, M, G = step_problem(g, 2, 2, (3,))
     M[1, :2, :2] -= 100 * torch.eye(2)
-    failed = riccati_step(V, M, G)[2]
-    assert (failed != 0).tolist() == [False, True, False]
+    box = torch.full((3, 2), -0.1), torch.full((3, 2), 0.1)
+    for bounds in (None, box):
+        for many in (1, MANY):  # in LAPACK, and in rows
+            given = [z.repeat(many, 1, 1) for z in (V, M, G)]
+            failed = riccati_step(*given, bounds and [z.repeat(many, 1) for z in bounds])[2]
+            assert (failed != 0).tolist() == [False, True, False] * many
     _, _, failed = riccati(torch.stack([M, M]), torch.stack([G, G]))
     assert failed.shape == (2, 3) and failed[1, 1] and not failed[:, 0].any()
 

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from .batched import from_rows, to_rows
-from .ilqr import SWEEPS, Iterate, Solution, apart, first, improve, only_member, optimize, start
+from .ilqr import SWEEPS, Iterate, Solution, apart, first, improve, in_line, optimize, start
 from .problem import Problem
 from .sweeps import STEPS, follow
 
@@ -63,9 +63,15 @@ class CompiledOptimizer:
             RuntimeError: where the system cannot be compiled, or not faithfully.
             ValueError: where the rollout of U is not finite.
         """
-        single = only_member(problem, x_init, U)
-        if single is not None:
-            return self(*single, stepper).batched()
+        line = in_line(problem, x_init, U)
+        if line is not None:
+            return self(*line, stepper).shaped(U.shape[1:-1])
+        if U.ndim > 3:
+            name, batch = type(problem.system).__name__, tuple(U.shape[1:-1])
+            raise RuntimeError(
+                f"{name} cannot be compiled for a batch {batch}: it has a batch of its own, and "
+                "that may have one dimension"
+            )
         if U.ndim > 2 or stepper is not None:
             return optimize(problem, x_init, U, stepper, self.improve)
         with torch.no_grad():

@@ -30,10 +30,11 @@ class Solution(NamedTuple):
     iterations: Tensor  # (...), how many sweeps
     history: Tensor  # (sweeps + 1, ...), the cost at the start and after each
 
-    def batched(self) -> "Solution":
-        """Returns the plan as the only member of a batch ``(1,)``."""
-        dims = (1, 1, 0, 0, 0, 1)
-        return Solution(*(z.unsqueeze(d) for d, z in zip(dims, self)))
+    def shaped(self, batch: tuple[int, ...]) -> "Solution":
+        """Returns a plan, or a batch ``(B,)`` of them, as a batch of that shape."""
+        dims, old = (1, 1, 0, 0, 0, 1), self.cost.ndim
+        shapes = ((*z.shape[:d], *batch, *z.shape[d + old :]) for d, z in zip(dims, self))
+        return Solution(*(z.reshape(shape) for z, shape in zip(self, shapes)))
 
 
 DIMS = (1, 1, 0, 0, 0, 0, 0, 0, 0)  # where each part of an iterate has its batch
@@ -159,19 +160,33 @@ def advance(step: Callable, problem: Problem, at: Iterate, which: Tensor, newton
 
 
 def apart(problem: Problem, x: Tensor, u: Tensor) -> bool:
-    """Returns whether members of a batch ``(B,)`` can be swept without the others.
+    """Returns whether members of a batch can be swept without the others.
 
     They cannot where the system has a batch of its own.
     """
-    return u.ndim == 2 and problem.system.transition(x[0], u[0]).ndim == 1
+    one = (z.reshape(-1, z.shape[-1])[0] for z in (x, u))
+    return problem.system.transition(*one).ndim == 1
 
 
-def only_member(problem: Problem, x_init, U) -> tuple[Problem, Tensor, Tensor] | None:
-    """Returns what a batch ``(1,)`` consists of, as one plan takes less time; else None."""
-    if U.shape[1:-1] != (1,) or not apart(problem, x_init, U[0]):
+def in_line(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Problem, Tensor, Tensor] | None:
+    """Returns the same plans as one plan, where there is no other, or as a batch ``(B,)``.
+
+    One plan takes less time than a batch of it. None, where nothing is to change or can be.
+    """
+    batch = U.shape[1:-1]
+    line = () if batch.numel() == 1 else (batch.numel(),)
+    if len(batch) == len(line) or not U.numel() or not apart(problem, x_init, U[0]):
         return None
-    tensors = [z if z is None else z[:, 0] for z in problem[2:]]
-    return Problem(*problem[:2], *tensors), x_init[0], U[:, 0]  # type: ignore[arg-type]
+
+    def flat(z: Tensor) -> Tensor:
+        own, core = z.shape[1 : 1 + len(batch)], z.shape[1 + len(batch) :]
+        if own.numel() == 1:  # shared by all
+            return z.reshape(len(z), *[1] * len(line), *core)
+        return z.expand(len(z), *batch, *core).reshape(len(z), *line, *core)
+
+    tensors = [z if z is None else flat(z) for z in problem[2:]]
+    problem = Problem(*problem[:2], *tensors)  # type: ignore[arg-type]
+    return problem, flat(x_init[None])[0], flat(U)
 
 
 @torch.no_grad()
@@ -192,9 +207,9 @@ def optimize(
     Raises:
         ValueError: where the rollout of U is not finite.
     """
-    single = only_member(problem, x_init, U)
-    if single is not None:
-        return optimize(*single, stepper, step).batched()
+    line = in_line(problem, x_init, U)
+    if line is not None:
+        return optimize(*line, stepper, step).shaped(U.shape[1:-1])
     at = start(problem, x_init, U)
     history = [at.cost]
     for _ in range(SWEEPS):

@@ -51,13 +51,13 @@ def test_a_plan_and_its_gradient_are_the_same(pair):
 def test_batches_of_any_size_are_compiled_once_and_keep_their_bounds(g, once):
     Q, p = weights(g, 3)
     slow, fast = pp.MPC(Clockwork(), Q, p, 4), compiled(pp.MPC(Clockwork(), Q, p, 4))
-    for count in (1, 6, 11, 1, 2):
-        x, target = draw(g, count, 2), draw(g, count, 2)
+    for lead in ((1,), (6,), (11,), (1,), (2,), (2, 3)):
+        x, target = draw(g, *lead, 2), draw(g, *lead, 2)
         plans = [mpc.solve(None, x, target, u_lower=-0.2, u_upper=0.3) for mpc in (slow, fast)]
         close(plans[1].u, plans[0].u, 1e-9)
         assert plans[1].converged.all()
         assert plans[1].u.min() >= -0.2 and plans[1].u.max() <= 0.3
-        if count == 6:
+        if lead == (6,):
             once()
     assert (plans[1].u == -0.2).any() or (plans[1].u == 0.3).any()
     slow, fast = (pp.MPC(pp.CartPole(), torch.eye(5), None, 3) for _ in range(2))
@@ -135,6 +135,12 @@ def test_what_a_system_reads_may_change(g, monkeypatch, once):
         with monkeypatch.context() as patch, pytest.raises(torch._dynamo.exc.RecompileError):
             patch.setitem(of, name, value)
             fast.solve(None, x)
+
+
+def test_a_system_with_a_batch_of_several_dimensions_is_named(g):
+    mpc = compiled(pp.MPC(pp.Pendulum(length=1 + torch.rand(2, 3)), torch.eye(3), None, 2))
+    with pytest.raises(RuntimeError, match=r"Pendulum cannot be compiled for a batch \(2, 3\)"):
+        mpc.solve(None, draw(g, 2))
 
 
 class Branching(Clockwork):

@@ -284,6 +284,21 @@ def test_every_argument_may_have_a_batch_of_its_own(g, lead):
             close(a[i], b, 1e-8)
 
 
+@pytest.mark.parametrize("lead", [(2, 3), (1, 3), (1, 1), (0, 3)], ids=str)
+def test_arguments_may_have_some_dimensions_of_the_batch(g, lead):
+    T, (some, others) = 4, lead
+    Q, p = weights(g, 6, (some, 1, T))[0], weights(g, 6, (1, others, T))[1]
+    x, target, low = draw(g, *lead, 4), draw(g, others, 4), -draw(g, some, 1, 1, 2).abs()
+    many = pp.MPC(pp.DubinsCar(), Q, p, T)(0.1, x, target, None, low)
+    assert [z.shape for z in many] == [(*lead, T + 1, 4), (*lead, T, 2), lead]
+    for i, j in np.ndindex(lead):
+        alone = pp.MPC(pp.DubinsCar(), Q[i, 0], p[0, j], T)(
+            0.1, x[i, j], target[j], None, low[i, 0]
+        )
+        for a, b in zip(many, alone):
+            close(a[i, j], b, 1e-8)
+
+
 @pytest.mark.parametrize("steps", [2, 100])
 def test_the_only_member_of_a_batch_is_planned_for_as_if_it_were_alone(g, steps):
     x, target, (Q, p) = draw(g, 4), draw(g, 4), weights(g, 6, ())

@@ -64,8 +64,9 @@ def notebook(lab, page):
     page.locator(".jp-Notebook").wait_for(state="visible")
     indicator = page.locator('.jp-NotebookPanel-toolbar [data-status="idle"]')
     indicator.first.wait_for(state="visible")
-    dialog = page.locator(".jp-Dialog")  # where the kernel starts late, Lab asks for one
-    page.add_locator_handler(dialog, lambda: dialog.locator(".jp-mod-accept").click())
+    dialog = page.locator(".jp-Dialog")  # where the kernel starts late, Lab asks for one, or twice
+    accept = dialog.locator(".jp-mod-accept").last
+    page.add_locator_handler(dialog, lambda: accept.click(), no_wait_after=True)
     prompts = page.locator(".jp-CodeCell .jp-InputPrompt")
     run_all(page, prompts.first)
     ended = prompts.last.filter(has_text=f"[{code_cells()}]:").or_(page.locator(ERROR))

@@ -43,9 +43,14 @@ class CompiledOptimizer:
 
     Args:
         options: for torch's inductor.
+
+    Raises:
+        RuntimeError: where torch is older than 2.13.
     """
 
     def __init__(self, **options):
+        if torch.__version__ < "2.13":
+            raise RuntimeError(f"compile: expected torch 2.13, got {torch.__version__}")
         from .entries import Entries, Unallocated  # with torch's compiler, which takes seconds
 
         passes = {"post_grad_custom_pre_pass": Entries(), "_post_fusion_custom_pass": Unallocated()}

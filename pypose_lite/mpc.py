@@ -98,8 +98,9 @@ class MPC(OptimalControl):
             options: for torch's inductor.
 
         Raises:
-            RuntimeError: at the next solve, where the system cannot be compiled: its functions
-                branch on a state, print, or read ``self.systime`` instead of taking ``t``.
+            RuntimeError: where torch is older than 2.13; and at the next solve, where the system
+                cannot be compiled: its functions branch on a state, print, or read
+                ``self.systime`` instead of taking ``t``, or it has a batch of several dimensions.
         """
         self._optimize = CompiledOptimizer(**options)
 

@@ -143,6 +143,12 @@ def test_a_system_with_a_batch_of_several_dimensions_is_named(g):
         mpc.solve(None, draw(g, 2))
 
 
+def test_a_torch_that_is_too_old_is_named(monkeypatch):
+    monkeypatch.setattr(torch, "__version__", type(torch.__version__)("2.12.1"))
+    with pytest.raises(RuntimeError, match="expected torch 2.13, got 2.12.1"):
+        infinity.controller().compile()
+
+
 class Branching(Clockwork):
     def state_transition(self, state, input, t):
         return super().state_transition(state, input, t) if state[0] > 0 else state

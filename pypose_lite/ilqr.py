@@ -5,15 +5,12 @@ Sequences have time first, ``(T, ..., n)``. `implicit.py` differentiates what co
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from .batched import where
 from .problem import Problem, rollout
-from .scan import in_numpy
 from .sweeps import search, sweep
 
 SWEEPS = 200  # at most
@@ -80,20 +77,19 @@ def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = N
     m, exact = at.U.shape[-1], at.exact if newton else torch.zeros_like(at.exact)
     K, gain, failed = sweep(problem, at.X, at.U, at.damping, exact if newton else None)
     K, gain = torch.where(failed[..., None, None], 0, K), torch.where(failed, 0, gain)  # stays
-    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain, step)
+    X, U, cost, helped = search(problem, at.X, at.U, at.cost, K, gain)
     size = K[..., -1].abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
     unit = torch.diagonal(problem.Q[..., :m, :m], 0, -2, -1).mean((0, -1))
     old, same = (at.cost, at.size, at.damping, exact), same_bounds(problem, at.U, U)
-    judged = partial(judge, torch.finfo(cost.dtype).eps)
-    promised, size, damping, exact, converged = in_numpy(
-        judged, *old, cost, gain, failed, helped, size, unit, same
+    promised, size, damping, exact, converged = judge(
+        *old, cost, gain, failed, helped, size, unit, same
     )
     count = at.iterations + 1
     return Iterate(X, U, cost, promised, size, damping, exact, converged, count)
 
 
 def judge(
-    eps: float, was, last, damping, exact, cost, gain, failed, helped, size, unit, same
+    was, last, damping, exact, cost, gain, failed, helped, size, unit, same
 ) -> tuple:
     """Returns what an iterate says of the sweep that led there: ``promised`` to ``converged``.
 
@@ -121,21 +117,22 @@ def judge(
         unit: the cost's own curvature in u, to compare damping with.
         same: whether the same inputs stand at a bound as before.
     """
+    eps = torch.finfo(cost.dtype).eps
     rounding = 8 * eps * abs(was)
     kept = (was - cost) / (-gain).clip(min=eps**2)
     at_rest = (size <= eps**0.5) | (~helped & (-gain <= rounding))
     as_promised = helped & (abs(was + gain - cost) <= -0.1 * gain + rounding)
     next_size = size**2 * (size / last.clip(min=eps) ** 2).clip(min=1)
     arrives = exact & (damping == 0) & as_promised & same & (next_size <= eps**0.6)
-    lowered = where(damping > 1e-6 * unit, damping / 10, 0)
-    raised = where(damping > 1e-4 * unit, 10 * damping, 1e-3 * unit)
+    lowered = torch.where(damping > 1e-6 * unit, damping / 10, 0)
+    raised = torch.where(damping > 1e-4 * unit, 10 * damping, 1e-3 * unit)
     near = last < NEAR
     misled = ((kept < 0.25) & (size > eps**0.5)) | (failed & (near | ~exact))
     steady = ((kept > 0.75) | at_rest) & ~failed
-    damped = where(misled, raised, where(steady, lowered, damping))
-    newton = where(failed, near, (kept < 0.8) | (size < 0.25))
+    damped = torch.where(misled, raised, torch.where(steady, lowered, damping))
+    newton = torch.where(failed, near, (kept < 0.8) | (size < 0.25))
     converged = (at_rest | arrives) & ~failed & (damping <= unit)
-    return where(failed, math.inf, -gain), where(failed, last, size), damped, newton, converged
+    return torch.where(failed, math.inf, -gain), torch.where(failed, last, size), damped, newton, converged
 
 
 def same_bounds(problem: Problem, U: Tensor, new: Tensor) -> Tensor:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .compiled import CompiledOptimizer
 from .ilqr import optimize
 from .implicit import differentiable
 from .problem import OptimalControl
@@ -102,6 +101,8 @@ class MPC(OptimalControl):
                 cannot be compiled: its functions branch on a state, print, or read
                 ``self.systime`` instead of taking ``t``, or it has a batch of several dimensions.
         """
+        from .compiled import CompiledOptimizer
+
         self._optimize = CompiledOptimizer(**options)
 
     def _fresh_stepper(self):

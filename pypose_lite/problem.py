@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from .batched import bmv, bvmv, bvv, cat
+from .batched import bmv, bvmv, bvv
 from .shapes import alike, check, join, over_time
 from .systems import System
 
@@ -84,7 +84,7 @@ class Problem(NamedTuple):
 
         They are ``q (..., m+n)`` and ``Q (..., m+n, m+n)``.
         """
-        q = bmv(self.Q, cat([u, x], -1, 1) - self.r) + self.p
+        q = bmv(self.Q, torch.cat([u, x], -1) - self.r) + self.p
         return q, self.Q.expand(*q.shape, q.shape[-1])
 
 

@@ -11,8 +11,7 @@ Chapter 2 derives it.
 import torch
 from torch import Tensor
 
-from .batched import bmm, bmv, cat, eye, solve_positive
-from .scan import Steps
+from .batched import bmv
 from .shapes import check
 
 Box = tuple[Tensor, Tensor]
@@ -21,17 +20,17 @@ Box = tuple[Tensor, Tensor]
 def homogeneous_dynamics(A: Tensor, B: Tensor, c: Tensor | None = None) -> Tensor:
     """Returns ``G (..., n+1, m+n+1)`` with ``[A x + B u + c, 1] = G [u, x, 1]``."""
     c = torch.zeros_like(A[..., 0]) if c is None else c
-    top = cat([B, A, c.unsqueeze(-1)], -1)
+    top = torch.cat([B, A, c.unsqueeze(-1)], -1)
     last = torch.zeros_like(top[..., :1, :])
     last[..., -1] = 1
-    return cat([top, last], -2)
+    return torch.cat([top, last], -2)
 
 
 def homogeneous_cost(Q: Tensor, q: Tensor) -> Tensor:
     """Returns ``M (..., k+1, k+1)`` with ``1/2 [w, 1]' M [w, 1] = 1/2 w' Q w + q' w``."""
     q = q.unsqueeze(-1)
-    side = cat([q, torch.zeros_like(q[..., :1, :])], -2)
-    return cat([cat([Q, q.mT], -2), side], -1)
+    side = torch.cat([q, torch.zeros_like(q[..., :1, :])], -2)
+    return torch.cat([torch.cat([Q, q.mT], -2), side], -1)
 
 
 def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
@@ -60,13 +59,13 @@ def riccati_step(V: Tensor, M: Tensor, G: Tensor, box: Box | None = None) -> tup
     Source: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming" (2014).
     """
     m = M.shape[-1] - V.shape[-1]
-    H = M + bmm(G.mT, bmm(V, G))  # (1)
+    H = M + G.mT @ V @ G  # (1)
     Huu, Hu = H[..., :m, :m], H[..., :m, m:]
     if box is None:
         K, W, failed = solve_positive(Huu, -Hu)  # (2), (3)
-        return H[..., m:, m:] - bmm(W.mT, W), K, failed  # (4)
+        return H[..., m:, m:] - W.mT @ W, K, failed  # (4)
     K, failed = _clamped_gains(Huu, Hu, *box)  # (3')
-    V = H[..., m:, m:] + bmm(K.mT, bmm(Huu, K) + Hu) + bmm(Hu.mT, K)  # (4')
+    V = H[..., m:, m:] + K.mT @ (Huu @ K + Hu) + Hu.mT @ K  # (4')
     return V, K, failed
 
 
@@ -79,15 +78,12 @@ def riccati(M: Tensor, G: Tensor, box: Box | None = None) -> tuple[Tensor, ...]:
         box: bounds, ``(T, ..., m)`` each, or None.
     """
     batch = torch.broadcast_shapes(M.shape[1:-2], G.shape[1:-2])
-    V = G.new_zeros(*batch, G.shape[-2], G.shape[-2])
-
-    def back(V, M, G, *box):
-        V, *rest = riccati_step(V, M, G, box or None)
-        return (V,), tuple(rest)
-
-    steps = Steps((M, G, *(box or ())), len(batch), reverse=True)
-    (V,), (K, failed) = steps.scan(back, V, arithmetic=True)
-    return K, V, failed
+    V, gains, failures = G.new_zeros(*batch, G.shape[-2], G.shape[-2]), [], []
+    for t in reversed(range(len(M))):
+        V, K, failed = riccati_step(V, M[t], G[t], box and (box[0][t], box[1][t]))
+        gains.append(K)
+        failures.append(failed)
+    return torch.stack(gains[::-1]), V, torch.stack(failures[::-1])
 
 
 def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tuple[Tensor, Tensor]:
@@ -111,10 +107,17 @@ def _clamped_gains(Huu: Tensor, Hu: Tensor, lower: Tensor, upper: Tensor) -> tup
 def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the gains of the inputs that are free while the clamped ones stay ``at``."""
     free = ~clamped[..., None]
-    rest = cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at))[..., None]], -1)
-    held = Huu * (free & free.mT) + ~free * eye(Huu)
+    rest = torch.cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at))[..., None]], -1)
+    held = Huu * (free & free.mT) + torch.diag_embed(clamped.to(Huu))
     K, _, failed = solve_positive(held, -rest * free)
-    return cat([K[..., :-1], K[..., -1:] + at[..., None]], -1), failed
+    return torch.cat([K[..., :-1], K[..., -1:] + at[..., None]], -1), failed
+
+
+def solve_positive(H: Tensor, R: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns ``H^-1 R``, ``L^-1 R`` with ``H = L L'``, and what is not 0 where H is not > 0."""
+    L, failed = torch.linalg.cholesky_ex(H)
+    W = torch.linalg.solve_triangular(L, R, upper=False)
+    return torch.linalg.solve_triangular(L.mT, W, upper=True), W, failed
 
 
 def dlqr(A: Tensor, B: Tensor, Q: Tensor, R: Tensor, steps: int = 60) -> tuple[Tensor, Tensor]:

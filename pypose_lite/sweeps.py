@@ -6,12 +6,11 @@ Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `ilqr.py
 import torch
 from torch import Tensor
 
-from .batched import bmv, cat
+from .batched import bmv
 from .problem import Problem
-from .riccati import homogeneous_cost, homogeneous_dynamics, riccati_step
-from .scan import Steps, every
+from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
 
-STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])  # lengths; all tried where the full one does not help
+SHORTER = torch.tensor([0.5, 0.2, 0.05])  # lengths, tried where the full one does not help
 
 
 def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
@@ -37,13 +36,11 @@ def newton_model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
 
 def costates(A: Tensor, q: Tensor) -> Tensor:
     """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
-    l = torch.zeros_like(A[0, ..., 0] + q[0, ..., -A.shape[-1] :])
-    return Steps((A, q), A.ndim - 3, reverse=True).scan(earlier, l, arithmetic=True)[1][0]
-
-
-def earlier(l: Tensor, A: Tensor, q: Tensor) -> tuple[tuple[Tensor], tuple[Tensor]]:
-    """Returns the costate one step earlier, and that of this step: the body of a loop."""
-    return (q[..., -l.shape[-1] :] + bmv(A.mT, l),), (l,)  # (1)
+    n = A.shape[-1]
+    l = [torch.zeros_like(A[0, ..., 0] + q[0, ..., -n:])]
+    for t in reversed(range(1, len(A))):
+        l.append(q[t, ..., -n:] + bmv(A[t].mT, l[-1]))  # (1)
+    return torch.stack(l[::-1])
 
 
 def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor | None):
@@ -52,36 +49,14 @@ def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor
     Where ``exact (...)`` is True the model is Newton's, else Gauss-Newton's. A model without a
     minimum has failed. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
     """
-    m, n, batch, newton = U.shape[-1], X.shape[-1], X.shape[1:-1], exact is not None
-    l, V, zero = X.new_zeros(X.shape[1:]), X.new_zeros(*batch, n + 1, n + 1), X.new_zeros(batch)
-
-    def modelled(x, u, t, Q, p, r, damping, exact, *box):  # the LQR around the plan
-        here = problem._replace(Q=Q, p=p, r=r)
-        _, A, B, q, Q, curve = (newton_model if newton else model)(here, x, u, t)
-        if not every(damping == 0):
-            on_u = (torch.arange(m + n, device=q.device) < m).to(q.dtype)
-            Q = Q + torch.diag_embed(damping[..., None] * on_u)
-        return A, q, B, Q, curve, exact, *box
-
-    def curved(l, A, q, B, Q, curve, exact, *box):  # after the costates: Newton's model of it
-        Q = Q + torch.where(exact[..., None, None] > 0, curve(l), 0)
-        return A, q, B, Q, curve, exact, *box
-
-    def homogeneous(A, q, B, Q, curve, exact, *box):
-        return homogeneous_cost(Q, q), homogeneous_dynamics(A, B), *box
-
-    def back(V, failed, M, G, *box):
-        V, K, now = riccati_step(V, M, G, box or None)
-        return (V, failed + now), (K,)
-
-    given = X[:-1], U, problem.times(U), problem.Q, problem.p, problem.r
-    flags = (z.expand(len(U), *batch) for z in (damping, zero if exact is None else exact.to(X)))
-    steps = Steps((*given, *flags, *(problem.box(U) or ())), len(batch), reverse=True)
-    steps = steps.map(modelled)
-    if newton:
-        steps = steps.accumulate(earlier, l, reads=2).map(curved)
-    (V, failed), (K,) = steps.map(homogeneous).scan(back, V, zero, arithmetic=True)
-    return K, V[..., -1, -1] / 2, failed > 0
+    x, m, t = X[:-1], U.shape[-1], problem.times(U)
+    _, A, B, q, Q, curve = (model if exact is None else newton_model)(problem, x, U, t)
+    if exact is not None:
+        Q = Q + torch.where(exact[..., None, None], curve(costates(A, q)), 0)
+    on_u = torch.arange(Q.shape[-1], device=Q.device) < m
+    Q = Q + torch.diag_embed(damping[..., None] * on_u)
+    K, V, failed = riccati(homogeneous_cost(Q, q), homogeneous_dynamics(A, B), problem.box(U))
+    return K, V[..., -1, -1] / 2, failed.any(0)
 
 
 def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Tensor | None = None):
@@ -98,17 +73,17 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
     k, K = K[..., -1], K[..., :-1]
     aim = U + (k if steps is None else steps * k)
 
-    def move(x, t, K, X, aim, *limits):
-        u = aim + bmv(K, x - X)
-        u = torch.clamp(u, *limits) if limits else u
-        return (problem.system.transition(x, u, t.reshape(())),), (x, u)
+    x, states, inputs = x_init, [x_init], []
+    for i in range(len(aim)):
+        u = aim[i] + bmv(K[i], x - X[i])
+        u = torch.clamp(u, *(limit[i] for limit in limits)) if limits else u
+        x = problem.system.transition(x, u, t[i].reshape(()))
+        states.append(x)
+        inputs.append(u)
+    return torch.stack(states), torch.stack(inputs)
 
-    known = Steps((t, K, X[:-1], aim, *limits), U.ndim - 2)
-    (last,), (states, inputs) = known.scan(move, x_init)
-    return torch.cat([states, last[None]]), inputs
 
-
-def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, step=None):
+def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor):
     """Returns the trajectory after one step along the gains, its cost, and whether it helped.
 
     The full step is taken where it keeps a small part of its promise; else the best of several
@@ -116,20 +91,11 @@ def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor, st
     compiles, as that cannot look. With ``step (...)`` only that length is tried.
     """
     rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
-    shorter = step is None and torch.compiler.is_compiling()
-    if step is not None:
-        K = cat([K[..., :-1], step[..., None, None] * K[..., -1:]], -1)
-    tried = follow(problem, X[0], X, U, K, STEPS.to(U) if shorter else None)
-    new = tuple(z[:, 0] for z in tried) if shorter else tried
-    new = (*new, _or_infinite(problem.cost(*new)))
+    full = follow(problem, X[0], X, U, K)
+    new = (*full, _or_infinite(problem.cost(*full)))
     helped = new[-1] <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if step is not None:
-        helped = torch.where(step < 1, new[-1] < cost, helped)
-    elif not shorter and not helped.all():
-        tried = follow(problem, X[0], X, U, K, STEPS.to(U))
-        shorter = True
-    if shorter:
-        best = _best(problem, *(z[:, 1:] for z in tried))
+    if not helped.all():
+        best = _best(problem, *follow(problem, X[0], X, U, K, SHORTER.to(U)))
         new = _where(helped, new, best)
         helped = helped | (best[-1] < cost)
     return (*_where(helped, new, (X, U, cost)), helped)
@@ -145,8 +111,6 @@ def _best(problem: Problem, Xs: Tensor, Us: Tensor) -> tuple[Tensor, Tensor, Ten
 
 def _where(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
     """Returns states, inputs and cost of one or the other plan for each member of a batch."""
-    if every(mask):
-        return these
     masks = mask[..., None], mask[..., None], mask
     X, U, cost = (torch.where(*choice) for choice in zip(masks, these, those))
     return X, U, cost

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from .batched import bmv
-from .derivatives import jacobians, taylor
+from .derivatives import hessian, jacobians
 from .shapes import check
 
 
@@ -133,7 +133,12 @@ class System(nn.Module):
         ``costate' f(x, u, t)`` in ``[x, u]``, ``(..., n+m, n+m)``, which makes a Newton step of a
         Gauss-Newton step.
         """
-        return taylor(self._batched(self.state_transition, t), *expand(x, u))
+        f = self._batched(self.state_transition, t)
+        x, u = expand(x, u)
+        with torch.no_grad():
+            y, A, B = jacobians(f, x, u)
+        x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
+        return y, A, B, lambda costate: hessian(f, x, u, costate)
 
     @property
     def systime(self) -> Tensor:

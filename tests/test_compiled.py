@@ -10,6 +10,7 @@ from oracles import Clockwork, close, draw, weights
 import pypose_lite as pp
 from pypose_lite import infinity
 from pypose_lite.ilqr import improve
+from pypose_lite.compiled.sweep import improve as fused
 
 pytestmark = [
     pytest.mark.usefixtures("float64"),
@@ -98,10 +99,10 @@ def test_members_that_a_full_step_misleads_try_shorter_ones(monkeypatch):
 
     def sweep(problem, at, newton, length):
         lengths.append(length)
-        return improve(problem, at, newton, length)
+        return fused(problem, at, newton, length)
 
     monkeypatch.setattr(fast._optimize, "sweep", sweep)
-    monkeypatch.setattr("pypose_lite.compiled.AT_ONCE", 4)
+    monkeypatch.setattr("pypose_lite.compiled.optimizer.AT_ONCE", 4)
     plans.append(fast.solve(0.1, x, target))
     assert (plans[0].iterations == plans[1].iterations).all() and plans[1].converged.all()
     close(plans[1].history, plans[0].history, 1e-9)
@@ -123,7 +124,7 @@ def test_what_a_system_reads_may_change(g, monkeypatch, once):
 
     Here matrices count as too large to be made entries, which changes no plan either.
     """
-    monkeypatch.setattr("pypose_lite.entries.LARGEST", 0)
+    monkeypatch.setattr("pypose_lite.compiled.entries.LARGEST", 0)
     Q, p = weights(g, 3)
     system, x = Pulled(), draw(g, 2)
     fast = compiled(pp.MPC(system, Q, p, 2))

@@ -10,11 +10,10 @@ needs is never written to memory.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from .batched import inside_transform, stack, to_rows
+from .rows import to_rows
 
 Tensors = tuple[Tensor, ...]
 
@@ -33,66 +32,20 @@ class Steps(NamedTuple):
     todo: tuple[tuple[Callable, Tensors | None], ...] = ()  # while torch compiles
 
     def map(self, function: Callable) -> "Steps":
-        """Returns ``function`` of each step; its results are all that is known then."""
-        if torch.compiler.is_compiling():
-            return self._replace(todo=(*self.todo, (function, None)))
-        return self._replace(known=function(*self.known))
+        """Returns the steps with ``function`` of each still to do."""
+        return self._replace(todo=(*self.todo, (function, None)))
 
     def accumulate(self, body: Callable, *carry: Tensor, reads: int) -> "Steps":
-        """Returns the steps of which is known, too, and first, what a loop of arithmetic gives.
-
-        Of what is known before, the loop reads only the first so many.
-        """
+        """Returns the steps with a loop still to do that reads the first so many."""
 
         def reading(*z):
             return body(*z[: len(carry) + reads])
 
-        if torch.compiler.is_compiling():
-            return self._replace(todo=(*self.todo, (reading, carry)))
-        steps = self._replace(known=self.known[:reads])
-        return self._replace(known=(*steps.scan(body, *carry, arithmetic=True)[1], *self.known))
+        return self._replace(todo=(*self.todo, (reading, carry)))
 
-    def scan(self, body: Callable, *carry: Tensor, arithmetic=False) -> tuple[Tensors, Tensors]:
-        """Returns the last carry, and what a loop's body gives, ``(T, ...)`` each.
-
-        A body of ``arithmetic`` calls nothing but operators and `batched.py`: where there is
-        neither a batch nor a graph it may get numpy's arrays.
-        """
-        if torch.compiler.is_compiling():
-            return _compiled(self._replace(todo=(*self.todo, (body, carry))))
-
-        def loop(*zs):
-            carry, steps, gives = zs[:count], list(zip(*zs[count:])), []
-            for known in reversed(steps) if self.reverse else steps:
-                carry, ys = body(*carry, *known)
-                gives.append(ys)
-            return *carry, *map(stack, zip(*(gives[::-1] if self.reverse else gives)))
-
-        count, given = len(carry), (*carry, *self.known)
-        ys = in_numpy(loop, *given) if arithmetic and not self.batch else loop(*given)
-        return ys[:count], ys[count:]
-
-
-def in_numpy(function: Callable, *zs: Tensor) -> Tensors:
-    """Returns the tensors ``function(*zs)``, computed by numpy where it can and nobody minds.
-
-    The function calls nothing but operators and `batched.py`.
-    """
-    if not all(map(_shared_with_numpy, zs)):
-        return function(*zs)
-    with np.errstate(all="ignore"):  # as torch does
-        ys = function(*(z.numpy() for z in zs))
-    return tuple(torch.from_numpy(np.asarray(y)) for y in ys)
-
-
-def every(mask: Tensor) -> bool:
-    """Returns whether all are True; compiled code cannot ask, and does not count on it."""
-    return not torch.compiler.is_compiling() and bool(mask.all())
-
-
-def _shared_with_numpy(z: Tensor) -> bool:
-    known = z.dtype in (torch.float64, torch.float32, torch.bool)
-    return known and z.device.type == "cpu" and not (z.requires_grad or inside_transform(z))
+    def scan(self, body: Callable, *carry: Tensor) -> tuple[Tensors, Tensors]:
+        """Returns the last carry, and what a loop's body gives, ``(T, ...)`` each."""
+        return _compiled(self._replace(todo=(*self.todo, (body, carry))))
 
 
 def _compiled(steps: Steps) -> tuple[Tensors, Tensors]:

@@ -15,10 +15,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .batched import from_rows, to_rows
-from .ilqr import SWEEPS, Iterate, Solution, apart, first, improve, in_line, optimize, start
-from .problem import Problem
-from .sweeps import STEPS, follow
+from .. import ilqr
+from ..ilqr import SWEEPS, Iterate, Solution, apart, first, in_line, optimize, start
+from ..problem import Problem
+from .rows import from_rows, to_rows
+from .sweep import STEPS, cost, follow, improve
 
 AT_ONCE = 1024  # members in a call: what they need fits the cache of a processor
 OPTIONS: dict[str, Any] = {
@@ -95,7 +96,7 @@ class CompiledOptimizer:
         if not apart(problem, at.X[0], at.U[0]):
             new = self._step(problem, at, torch.ones_like(at.cost))
             stuck = _stuck(at, new)
-            return new.unless(~stuck, improve(problem, at, newton)) if stuck.any() else new
+            return new.unless(~stuck, ilqr.improve(problem, at, newton)) if stuck.any() else new
         parts = [
             self._improve_some(problem.members(rows), at.members(rows))
             for rows in _shares(len(at.cost))
@@ -139,7 +140,7 @@ class CompiledOptimizer:
             new = run()
         except Exception as error:
             raise RuntimeError(f"{name} cannot be compiled: {error}") from error
-        if not _alike(at, new, improve(problem, at, True)):
+        if not _alike(at, new, ilqr.improve(problem, at, True)):
             raise RuntimeError(f"{name} cannot be compiled: it reads more than its arguments")
         self.trusted.add(kind)
 
@@ -159,8 +160,8 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
     T, m = at.U.shape
     stay = at.U.new_zeros(T, m, at.X.shape[-1] + 1)
     X, U = follow(problem, at.X[0], at.X, at.U, stay)
-    cost, steps = problem.cost(X, U), torch.arange(len(history), device=history.device)
-    history = torch.where(steps == at.iterations, cost, history)
+    now, steps = cost(problem, X, U), torch.arange(len(history), device=history.device)
+    history = torch.where(steps == at.iterations, now, history)
 
     def goes_on(left, history, *at):
         return (left > 0) & ~Iterate(*at).converged
@@ -170,7 +171,7 @@ def improve_all(problem: Problem, at: Iterate, history: Tensor, left: Tensor):
         history = torch.where(steps == new.iterations, new.cost, history)
         return left - 1, history, *(z.clone() for z in new)
 
-    at = at._replace(X=X, U=U, cost=cost)
+    at = at._replace(X=X, U=U, cost=now)
     _, history, *rest = while_loop(goes_on, sweep, (left.clone(), history, *at))
     return Iterate(*rest), history
 

@@ -39,7 +39,8 @@ import torch
 from IPython.display import display
 
 import pypose_lite as pp
-from pypose_lite import go1, infinity, riccati
+from pypose_lite import go1, infinity
+from pypose_lite.control import riccati
 from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()

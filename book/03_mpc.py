@@ -40,7 +40,8 @@ from IPython.display import display
 from torch.autograd import gradcheck
 
 import pypose_lite as pp
-from pypose_lite import go1, infinity, sweeps
+from pypose_lite import go1, infinity
+from pypose_lite.control import sweep as sweeps
 from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()

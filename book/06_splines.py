@@ -41,7 +41,8 @@ from IPython.display import Markdown, display
 from torch.autograd import gradcheck
 
 import pypose_lite as pp
-from pypose_lite import go1, infinity, lie, planner, splines
+from pypose_lite import go1, infinity, lie, splines
+from pypose_lite.splines import planner
 from pypose_lite.teaching import claim, plotting, widgets
 
 plotting.use_style()

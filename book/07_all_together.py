@@ -42,7 +42,8 @@ import torch
 from IPython.display import display
 
 import pypose_lite as pp
-from pypose_lite import filters, go1, infinity, planner, splines
+from pypose_lite import filters, go1, infinity, splines
+from pypose_lite.splines import planner
 from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()

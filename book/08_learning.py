@@ -41,7 +41,8 @@ from torch.autograd.functional import jacobian
 from torch.func import grad, hessian, jacfwd, jvp
 
 import pypose_lite as pp
-from pypose_lite import filters, go1, implicit, infinity
+from pypose_lite import filters, go1, infinity
+from pypose_lite.control import gradient as implicit
 from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()

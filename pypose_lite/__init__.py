@@ -1,57 +1,56 @@
 """pypose_lite: robot motion in small, readable torch code; `book/` explains every line.
 
-The public names, in the order of the book.
+The public names, in the order of the book. A name is imported when it is first asked for, so that
+the robot's part, ``pypose_lite.go1``, runs on a small computer without torch.
 """
 
-from . import filters, infinity, lie, module, planner, splines, utils
-from .batched import bmv, bvmv, bvv
-from .filters import EKF, PF, UKF, smooth
-from .lie import SE3, identity_SE3, is_SE3, randn_SE3, se3
-from .linear import LTI, LTV
-from .lqr import LQR
-from .models import CartPole, DubinsCar, Pendulum
-from .mpc import MPC, Plan, shift
-from .planner import local_plan
-from .riccati import dlqr
-from .splines import bspline, chspline
-from .systems import NLS, Linearization, System
-from .version import __version__
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from . import control, filters, go1, infinity, lie, module, splines, systems, utils
+    from .control import LQR, MPC, Plan, dlqr, shift
+    from .filters import EKF, PF, UKF, smooth
+    from .lie import SE3, identity_SE3, is_SE3, randn_SE3, se3
+    from .linalg import bmv, bvmv, bvv
+    from .splines import bspline, chspline, local_plan, planner
+    from .systems import LTI, LTV, NLS, CartPole, DubinsCar, Linearization, Pendulum, System
+
+__version__ = "0.1.0"
+
+_ROOMS = {
+    "systems": ["System", "NLS", "LTI", "LTV", "Linearization"]
+    + ["DubinsCar", "Pendulum", "CartPole"],
+    "control": ["LQR", "MPC", "Plan", "dlqr", "shift"],
+    "filters": ["EKF", "UKF", "PF", "smooth"],
+    "lie": ["SE3", "se3", "identity_SE3", "is_SE3", "randn_SE3"],
+    "splines": ["bspline", "chspline", "local_plan", "planner"],
+    "linalg": ["bmv", "bvv", "bvmv"],
+    "infinity": [],
+    "go1": [],
+    "module": [],
+    "utils": [],
+}
+_ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 
 __all__ = [
-    "EKF",
-    "LQR",
-    "LTI",
-    "LTV",
-    "MPC",
-    "NLS",
-    "PF",
-    "SE3",
-    "UKF",
-    "CartPole",
-    "DubinsCar",
-    "Linearization",
-    "Pendulum",
-    "Plan",
-    "System",
     "__version__",
-    "bmv",
-    "bspline",
-    "bvmv",
-    "bvv",
-    "chspline",
-    "dlqr",
-    "filters",
-    "identity_SE3",
-    "infinity",
-    "is_SE3",
-    "lie",
-    "local_plan",
-    "module",
-    "planner",
-    "randn_SE3",
-    "se3",
-    "shift",
-    "smooth",
-    "splines",
-    "utils",
+    *(room for room in _ROOMS if room != "linalg"),
+    *_ROOM_OF,
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Imports the room of a public name, or the room itself, when it is first asked for."""
+    if name in _ROOM_OF:
+        value = getattr(import_module(f".{_ROOM_OF[name]}", __name__), name)
+    elif name in _ROOMS:
+        value = import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .models import DubinsCar
-from .mpc import MPC, shift
+from .control import MPC, shift
 from .shapes import check
+from .systems import DubinsCar
 
 LENGTH = 4 * math.pi  # m, of the whole path
 PROCESS_NOISE = 0.005  # standard deviation of every state component, every step

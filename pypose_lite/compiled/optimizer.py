@@ -15,9 +15,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .. import ilqr
-from ..ilqr import SWEEPS, Iterate, Solution, apart, first, in_line, optimize, start
-from ..problem import Problem
+from ..control import ilqr
+from ..control.ilqr import SWEEPS, Iterate, Solution, apart, first, in_line, optimize, start
+from ..control.problem import Problem
 from .rows import from_rows, to_rows
 from .sweep import STEPS, cost, follow, improve
 

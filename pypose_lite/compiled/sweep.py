@@ -6,11 +6,11 @@ The same plans as `control/sweep.py`, whose names and equations these functions 
 import torch
 from torch import Tensor
 
-from ..derivatives import transformed, transformed_hessian
-from ..ilqr import Iterate, judge, same_bounds
-from ..problem import Problem
-from ..riccati import Box
-from ..systems import expand
+from ..control.ilqr import Iterate, judge, same_bounds
+from ..control.problem import Problem
+from ..control.riccati import Box
+from ..systems.derivatives import transformed, transformed_hessian
+from ..systems.system import expand
 from .loops import Steps
 from .rows import bmm, bmv, cat, solve_positive
 
@@ -227,6 +227,8 @@ def _free_gains(Huu: Tensor, Hu: Tensor, clamped: Tensor, at: Tensor) -> tuple[T
     """Returns the gains of the inputs that are free while the clamped ones stay ``at``."""
     free = ~clamped[..., None]
     rest = cat([Hu[..., :-1], (Hu[..., -1] + bmv(Huu, at))[..., None]], -1)
-    held = Huu * (free & free.mT) + ~free * torch.eye(Huu.shape[-1], dtype=Huu.dtype, device=Huu.device)
+    held = Huu * (free & free.mT) + ~free * torch.eye(
+        Huu.shape[-1], dtype=Huu.dtype, device=Huu.device
+    )
     K, _, failed = solve_positive(held, -rest * free)
     return cat([K[..., :-1], K[..., -1:] + at[..., None]], -1), failed

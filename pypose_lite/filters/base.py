@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from ..batched import bmv
+from ..linalg import bmv
 from ..shapes import check
 from ..systems import System
 from .gaussian import Innovation, Joint, condition, covariance, factor, innovation, observed

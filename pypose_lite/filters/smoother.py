@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from ..batched import bmv
+from ..linalg import bmv
 from ..shapes import check
 from .base import GaussianFilter
 

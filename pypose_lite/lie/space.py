@@ -12,7 +12,7 @@ appendices B to D.
 import torch
 from torch import Tensor
 
-from ..batched import bvv
+from ..linalg import bvv
 from ..shapes import check
 from .taylor import angle_over_sine, cos_half, cot_defect, safe_norm, sinc_half, sine_defect
 

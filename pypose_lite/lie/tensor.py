@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Generator, Tensor
 
-from ..batched import bmv
+from ..linalg import bmv
 from ..shapes import check
 from .space import se3_act, se3_adjoint, se3_compose, se3_exp, se3_inverse, se3_log, se3_matrix
 from .taylor import safe_norm

@@ -7,6 +7,7 @@
 from .cubic import bspline, chspline, hermite, hermite_segments, uniform_bspline
 from .curve import Spline
 from .geometry import arc_length, curvature, evenly_spaced, heading, parameter_at
+from .planner import local_plan
 
 __all__ = [
     "Spline",
@@ -18,6 +19,8 @@ __all__ = [
     "heading",
     "hermite",
     "hermite_segments",
+    "parameter_at",
+    "local_plan",
     "parameter_at",
     "uniform_bspline",
 ]

@@ -19,8 +19,8 @@ from math import ceil
 import torch
 from torch import Tensor
 
-from ..batched import bmv
 from ..lie import SE3, se3_adjoint, se3_bracket, se3_compose, se3_exp, se3_inverse
+from ..linalg import bmv
 from ..shapes import check
 
 # Row j: the coefficients of 1, u, u^2, u^3 in lambda_j.

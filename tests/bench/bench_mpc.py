@@ -25,7 +25,7 @@ import pytest
 import torch
 
 from pypose_lite import infinity, shift
-from pypose_lite.models import DubinsCar
+from pypose_lite.systems import DubinsCar
 from pypose_lite.utils import ReduceToBason
 
 WEIGHTS = (1, 1, 0.3, 0.3, 0.01, 0.01)

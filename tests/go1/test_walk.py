@@ -4,11 +4,11 @@ import sys
 import pytest
 import torch
 from go1_helpers import velocity
+from pypose_lite.models import DubinsCar
 
 from pypose_lite import go1, infinity
 from pypose_lite.go1 import __main__ as program
 from pypose_lite.go1.walk import LONGEST, START, Ahead, Stuck, reasons_to_stay, walk
-from pypose_lite.models import DubinsCar
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,12 @@ import warnings
 import torch
 from torch import Tensor
 
+from ..systems import LTI
+from .gradient import differentiable
 from .ilqr import optimize, refuse_divergence
-from .implicit import differentiable
-from .linear import LTI
 from .problem import OptimalControl, Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .sweeps import follow, model
+from .sweep import follow, model
 
 
 class LQR(OptimalControl):

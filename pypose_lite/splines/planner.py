@@ -8,9 +8,11 @@ path of a car without a shift. The book's chapter on splines draws both.
 import torch
 from torch import Tensor
 
-from .lie.taylor import safe_norm
-from .shapes import check
-from .splines import Spline, heading, hermite_segments, parameter_at
+from ..lie.taylor import safe_norm
+from ..shapes import check
+from .cubic import hermite_segments
+from .curve import Spline
+from .geometry import heading, parameter_at
 
 
 def local_plan(

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from .batched import bmv, bvmv, bvv
-from .shapes import alike, check, join, over_time
-from .systems import System
+from ..linalg import bmv, bvmv, bvv
+from ..shapes import alike, check, join, over_time
+from ..systems import System
 
 
 class Problem(NamedTuple):

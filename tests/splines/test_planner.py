@@ -8,7 +8,7 @@ from torch.autograd import gradcheck
 
 from pypose_lite.infinity import controller, drive
 from pypose_lite.lie import se2_compose, se2_exp
-from pypose_lite.planner import local_plan, path
+from pypose_lite.splines.planner import local_plan, path
 from pypose_lite.utils import ReduceToBason
 
 F64 = torch.float64

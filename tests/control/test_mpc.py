@@ -20,8 +20,8 @@ from oracles import (
 )
 
 import pypose_lite as pp
-from pypose_lite.ilqr import improve, start
-from pypose_lite.sweeps import follow
+from pypose_lite.control.ilqr import improve, start
+from pypose_lite.control.sweep import follow
 
 pytestmark = pytest.mark.usefixtures("float64")
 

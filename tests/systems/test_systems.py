@@ -13,7 +13,6 @@ from torch.autograd import gradcheck
 from torch.autograd.functional import jacobian
 
 import pypose_lite as pp
-from pypose_lite import derivatives
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -322,11 +321,9 @@ def test_the_curvature_is_the_hessian_of_the_costate_times_f(nonlinear, g, lead)
         close(found[i], torch.autograd.functional.hessian(partial(f, l=costate[i]), z))
 
 
-@pytest.mark.parametrize("few", [0, derivatives.FEW], ids=["many", "few"])
 @pytest.mark.parametrize("slip", [(), (3,), (2, 1)], ids=str)
-def test_taylors_expansion_goes_on_from_the_jacobians_and_has_no_graph(g, monkeypatch, few, slip):
+def test_taylors_expansion_goes_on_from_the_jacobians_and_has_no_graph(g, slip):
     """Also where the system's parameters have a batch of their own."""
-    monkeypatch.setattr(derivatives, "FEW", few)
     car = pp.DubinsCar(slip=draw(g, *slip).requires_grad_())
     x, u, costate = draw(g, 3, 4), draw(g, 3, 2), draw(g, 3, 4)
     *linear, curve = car.expand_transition(x, u)

@@ -5,9 +5,9 @@ from typing import Self
 import torch
 from torch import Tensor, nn
 
-from .batched import bmv
-from .shapes import check
-from .systems import System
+from ..linalg import bmv
+from ..shapes import check
+from .system import System
 
 
 class LTI(System):

@@ -20,11 +20,11 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from .batched import bmv
+from ..linalg import bmv
 from .ilqr import Solution
 from .problem import Problem, rollout
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .sweeps import costates, model, newton_model
+from .sweep import costates, model, newton_model
 
 
 def differentiable(problem: Problem, x_init: Tensor, solution: Solution) -> Solution:

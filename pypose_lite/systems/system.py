@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor, nn
 
-from .batched import bmv
+from ..linalg import bmv
+from ..shapes import check
 from .derivatives import hessian, jacobians
-from .shapes import check
 
 
 class Linearization(NamedTuple):

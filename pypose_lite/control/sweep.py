@@ -6,7 +6,7 @@ Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `ilqr.py
 import torch
 from torch import Tensor
 
-from .batched import bmv
+from ..linalg import bmv
 from .problem import Problem
 from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
 

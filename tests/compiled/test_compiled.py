@@ -9,8 +9,8 @@ from oracles import Clockwork, close, draw, weights
 
 import pypose_lite as pp
 from pypose_lite import infinity
-from pypose_lite.ilqr import improve
 from pypose_lite.compiled.sweep import improve as fused
+from pypose_lite.control.ilqr import improve
 
 pytestmark = [
     pytest.mark.usefixtures("float64"),

@@ -11,8 +11,8 @@ Chapter 2 derives it.
 import torch
 from torch import Tensor
 
-from .batched import bmv
-from .shapes import check
+from ..linalg import bmv
+from ..shapes import check
 
 Box = tuple[Tensor, Tensor]
 

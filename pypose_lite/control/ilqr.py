@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from .problem import Problem, rollout
-from .sweeps import search, sweep
+from .sweep import search, sweep
 
 SWEEPS = 200  # at most
 NEAR = 0.03  # a change of u that leads to where Newton's model should have a minimum
@@ -88,9 +88,7 @@ def improve(problem: Problem, at: Iterate, newton: bool, step: Tensor | None = N
     return Iterate(X, U, cost, promised, size, damping, exact, converged, count)
 
 
-def judge(
-    was, last, damping, exact, cost, gain, failed, helped, size, unit, same
-) -> tuple:
+def judge(was, last, damping, exact, cost, gain, failed, helped, size, unit, same) -> tuple:
     """Returns what an iterate says of the sweep that led there: ``promised`` to ``converged``.
 
     The share of its promise that a sweep kept says how far to trust the next one: damping grows
@@ -132,7 +130,13 @@ def judge(
     damped = torch.where(misled, raised, torch.where(steady, lowered, damping))
     newton = torch.where(failed, near, (kept < 0.8) | (size < 0.25))
     converged = (at_rest | arrives) & ~failed & (damping <= unit)
-    return torch.where(failed, math.inf, -gain), torch.where(failed, last, size), damped, newton, converged
+    return (
+        torch.where(failed, math.inf, -gain),
+        torch.where(failed, last, size),
+        damped,
+        newton,
+        converged,
+    )
 
 
 def same_bounds(problem: Problem, U: Tensor, new: Tensor) -> Tensor:

@@ -9,8 +9,12 @@ from scipy.optimize import lsq_linear
 from torch.autograd import gradcheck
 
 import pypose_lite as pp
-from pypose_lite.batched import MANY
-from pypose_lite.riccati import homogeneous_cost, homogeneous_dynamics, riccati, riccati_step
+from pypose_lite.control.riccati import (
+    homogeneous_cost,
+    homogeneous_dynamics,
+    riccati,
+    riccati_step,
+)
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -92,10 +96,8 @@ def test_a_step_whose_inputs_have_no_minimum_says_so(g):
     M[1, :2, :2] -= 100 * torch.eye(2)
     box = torch.full((3, 2), -0.1), torch.full((3, 2), 0.1)
     for bounds in (None, box):
-        for many in (1, MANY):  # in LAPACK, and in rows
-            given = [z.repeat(many, 1, 1) for z in (V, M, G)]
-            failed = riccati_step(*given, bounds and [z.repeat(many, 1) for z in bounds])[2]
-            assert (failed != 0).tolist() == [False, True, False] * many
+        failed = riccati_step(V, M, G, bounds)[2]
+        assert (failed != 0).tolist() == [False, True, False]
     _, _, failed = riccati(torch.stack([M, M]), torch.stack([G, G]))
     assert failed.shape == (2, 3) and failed[1, 1] and not failed[:, 0].any()
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .gradient import differentiable
 from .ilqr import optimize
-from .implicit import differentiable
 from .problem import OptimalControl
 
 
@@ -101,7 +101,7 @@ class MPC(OptimalControl):
                 cannot be compiled: its functions branch on a state, print, or read
                 ``self.systime`` instead of taking ``t``, or it has a batch of several dimensions.
         """
-        from .compiled import CompiledOptimizer
+        from ..compiled import CompiledOptimizer
 
         self._optimize = CompiledOptimizer(**options)
 

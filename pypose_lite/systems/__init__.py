@@ -1,0 +1,10 @@
+"""Dynamical systems, linear and nonlinear, and the models of the book.
+
+Chapter 1 builds :class:`System` from scratch.
+"""
+
+from .linear import LTI, LTV
+from .models import CartPole, DubinsCar, Pendulum
+from .system import NLS, Linearization, System
+
+__all__ = ["LTI", "LTV", "NLS", "CartPole", "DubinsCar", "Linearization", "Pendulum", "System"]

@@ -67,6 +67,7 @@ def _pull_back(y: Tensor, given: list[Tensor], v: Tensor, graph: bool) -> tuple[
 
 
 def transformed(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tensor, ...]:
+    """Returns what :func:`jacobians` does, by ``torch.func``: inside transforms, and compiled."""
     y, pull = torch.func.vjp(function, x, u)[:2]
     if y.shape[:-1] != x.shape[:-1]:
         x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))

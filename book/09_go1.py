@@ -49,7 +49,7 @@ from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import go1, infinity
-from pypose_lite.go1 import layout, pilot, protocol, simulation, transport
+from pypose_lite.go1.wire import layout, protocol, transport
 from pypose_lite.teaching import animate, claim, plotting, table, widgets
 from pypose_lite.teaching.dog import from_above
 
@@ -325,7 +325,7 @@ def send(motions, setup=None, **options):
 gone = [(0.8, 0.0)] * 30 + [None] * 30  # m/s, rad/s; then silence
 deaths = {"the planner hangs": math.inf, "the cable is pulled": 3.0}  # s, to silence
 lasting = go1.Simulation(vanish=3.0, numbers=go1.Numbers(watchdog=math.inf))
-print(inspect.getsource(pilot.Pilot.command))
+print(inspect.getsource(go1.Pilot.command))
 
 # %% [markdown]
 # Two ways to go wrong, after 3 s of walking: the planner hangs, while the sender lives; or the
@@ -376,7 +376,7 @@ claim("hasty_share", 100 * hasty[29] / hung[29], below=80, unit="%")
 
 # %%
 server = transport.UdpServer("127.0.0.1", 0, protocol.COMMAND_SIZE, silence=2.0)
-witness, heard = simulation.Simulator(server, go1.Simulation()), []
+witness, heard = go1.SimulatedRobot(server, go1.Simulation()), []
 witness.apply = lambda command: heard.append((time.monotonic(), command.velocity[0]))
 program = f"""from pypose_lite import go1
 robot = go1.connect("udp://127.0.0.1:{server.port}")
@@ -711,4 +711,4 @@ folder.cleanup()
 #
 # **Further reading.** The vendor's `unitree_legged_sdk`, branch `go1`, `comm.h`, for the packets;
 # Åström and Murray {cite}`astrom2021` on delays; the source of `pypose_lite/go1/`, beginning with
-# `pilot.py`.
+# `safety/pilot.py`.

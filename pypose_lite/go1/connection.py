@@ -9,17 +9,18 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from . import endings
-from .commands import Gait
-from .dog import STEP
-from .guardian import Guardian
-from .log import Log, Tape, read_log
-from .pace import RealTime, Stepped
-from .pilot import Pilot
-from .protocol import COMMAND_SIZE, HIGH_LEVEL
+from .log import Log, read_log
 from .robot import Line, Robot
-from .simulation import Simulation, Simulator
-from .transport import Udp, pair
+from .safety import signals
+from .safety.clocks import SteppedClock, WallClock
+from .safety.guardian import Guardian
+from .safety.limits import Gait
+from .safety.pilot import Pilot
+from .simulator.body import STEP
+from .simulator.recorded_robot import RecordedRobot
+from .simulator.simulated_robot import SimulatedRobot, Simulation
+from .wire.protocol import COMMAND_SIZE, HIGH_LEVEL
+from .wire.transport import Udp, pair
 
 MARGIN = 0.05  # s, by which a command expires early: a busy computer may keep the sender waiting
 
@@ -95,13 +96,13 @@ def _on_udp(address: str, rate: float, timeout: float, closers: contextlib.ExitS
     if not host or not port or parts.path or parts.query:
         raise ValueError(f"address: expected 'udp://host:port', got {address!r}")
     transport = closers.enter_context(contextlib.closing(Udp(host, port)))
-    endings.arm()
-    closers.callback(endings.disarm)
+    signals.arm()
+    closers.callback(signals.disarm)
     guardian = None
     if os.name == "posix":
         guardian = Guardian(transport.socket, COMMAND_SIZE, 1.0 / rate, timeout / 2.0)
         closers.callback(guardian.close)
-    return Line(transport, RealTime(rate), guardian)
+    return Line(transport, WallClock(rate), guardian)
 
 
 def _in_memory(
@@ -113,20 +114,20 @@ def _in_memory(
 ) -> Line:
     """A simulated or a recorded robot in this program."""
     here, there = pair()
-    pace = RealTime(rate) if realtime else Stepped(rate)
+    clock = WallClock(rate) if realtime else SteppedClock(rate)
     simulator = None
     if address == "sim":
-        simulator = Simulator(there, simulation or Simulation(), pace.now)
+        simulator = SimulatedRobot(there, simulation or Simulation(), clock.now)
         live = simulator.step
     else:
-        live = Tape(there, read_log(address.removeprefix("replay:")), pace.now).step
-    if isinstance(pace, Stepped):
-        pace.peer = live
+        live = RecordedRobot(there, read_log(address.removeprefix("replay:")), clock.now).step
+    if isinstance(clock, SteppedClock):
+        clock.peer = live
     else:
         stopped = threading.Event()
         threading.Thread(target=_live, args=(live, stopped), daemon=True).start()
         closers.callback(stopped.set)
-    return Line(here, pace, simulator=simulator)
+    return Line(here, clock, simulator=simulator)
 
 
 def _live(step: Callable[[float], None], stopped: threading.Event) -> None:

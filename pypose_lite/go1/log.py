@@ -1,16 +1,10 @@
-"""A run written to a file, and a file played back as a robot."""
+"""A run as a CSV file: written while a robot moves, and read again."""
 
-import bisect
 import csv
 import math
-import time
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
-
-from .protocol import BmsState, HighState, Imu, ProtocolError, decode_command, encode_state
-from .transport import Transport
 
 
 class Row(NamedTuple):
@@ -80,54 +74,3 @@ def read_log(path: str | Path) -> list[Row]:
     if not rows:
         raise ValueError(f"{path}: no rows")
     return rows
-
-
-class Tape:
-    """A recorded run at the far end of a transport: it reports what was recorded, at its time.
-
-    What it is told does not move it. After its last row it says nothing new.
-    """
-
-    def __init__(
-        self, transport: Transport, rows: list[Row], now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._transport, self._rows, self._now = transport, rows, now
-        self._times = [row.t - rows[0].t for row in rows]
-        self._start: float | None = None  # when the first command came
-        self._shown, self._content = -1, b""
-
-    def step(self, timeout: float = 0.0) -> None:
-        """Hears what has come (waits up to `timeout` s for it), and answers."""
-        data = self._transport.receive(timeout)
-        while data is not None:
-            try:
-                decode_command(data)
-                self._transport.send(self._state(self._now()))
-            except ProtocolError:
-                pass
-            data = self._transport.receive(0.0)
-
-    def _state(self, now: float) -> bytes:
-        """The packet of that moment."""
-        self._start = now if self._start is None else self._start
-        index = max(bisect.bisect_right(self._times, now - self._start + 1e-9) - 1, 0)
-        if index != self._shown:
-            self._shown, self._content = index, encode_state(_recorded(self._rows[index]))
-        return self._content
-
-
-def _recorded(row: Row) -> HighState:
-    """A state with what a row holds; its time, in a reserved field, keeps rows apart."""
-    return HighState(
-        imu=Imu(
-            quaternion=(math.cos(row.heading / 2), 0.0, 0.0, math.sin(row.heading / 2)),
-            rpy=(0.0, 0.0, row.heading),
-        ),
-        bms=BmsState(soc=int(row.soc)),
-        mode=int(row.mode),
-        progress=row.t,
-        position=(row.x, row.y, row.body_height),
-        body_height=row.body_height,
-        velocity=(row.v, row.left, 0.0),
-        yaw_speed=row.yaw_rate,
-    )

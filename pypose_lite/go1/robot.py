@@ -5,14 +5,14 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple, Self
 
-from .commands import Gait, Mode, still
-from .guardian import Guardian
 from .log import Log, Row
-from .pace import RealTime, Stepped
-from .pilot import Pilot, RobotTimeout
-from .protocol import HighCmd, HighState, encode_command
-from .simulation import Simulator
-from .transport import Transport
+from .safety.clocks import SteppedClock, WallClock
+from .safety.guardian import Guardian
+from .safety.limits import Gait, Mode, still
+from .safety.pilot import Pilot, RobotTimeout
+from .simulator.simulated_robot import SimulatedRobot
+from .wire.protocol import HighCmd, HighState, encode_command
+from .wire.transport import Transport
 
 PATIENCE = 3.0  # s, for the first state to come
 FAREWELL = 0.5  # s of zero velocity at the end: longer than a network is late
@@ -23,9 +23,9 @@ class Line(NamedTuple):
     """What lies between the robot and this program."""
 
     transport: Transport
-    pace: RealTime | Stepped
+    clock: WallClock | SteppedClock
     guardian: Guardian | None = None
-    simulator: Simulator | None = None
+    simulator: SimulatedRobot | None = None
 
 
 class Robot:
@@ -52,7 +52,7 @@ class Robot:
         closers: contextlib.ExitStack,
     ) -> None:
         self.address, self.pilot, self.simulator, self.sent = address, pilot, line.simulator, 0
-        self._transport, self._pace, self._guardian = line.transport, line.pace, line.guardian
+        self._transport, self._clock, self._guardian = line.transport, line.clock, line.guardian
         self._gait, self._log, self._closers = gait, log, closers
         self._began = 0.0  # when the first state came
         idle = HighCmd(level_flag=pilot.level_flag)
@@ -61,7 +61,7 @@ class Robot:
     @property
     def state(self) -> HighState:
         """The last state; RobotTimeout if it is stale."""
-        return self.pilot.state(self._pace.now())
+        return self.pilot.state(self._clock.now())
 
     @property
     def events(self) -> list[tuple[float, str]]:
@@ -71,7 +71,7 @@ class Robot:
     @property
     def age(self) -> float:
         """Seconds since the robot last said something new."""
-        return self.pilot.age(self._pace.now())
+        return self.pilot.age(self._clock.now())
 
     def pose(self) -> tuple[float, float, float]:
         """Where it is, (x, y, heading) in m and rad, in the frame where it stood at connect.
@@ -81,7 +81,7 @@ class Robot:
         Raises:
             RobotTimeout: the state is stale.
         """
-        return self.pilot.pose(self._pace.now())
+        return self.pilot.pose(self._clock.now())
 
     def move(self, v: float, yaw_rate: float, left: float = 0.0) -> tuple[float, float]:
         """Walks at `v` m/s forward, `left` m/s sideways, turning by `yaw_rate` rad/s.
@@ -106,7 +106,7 @@ class Robot:
 
     def send(self, command: HighCmd) -> HighCmd:
         """Repeats that command from now on, clamped; see `Pilot.ask` for what is refused."""
-        return self.pilot.ask(command, self._pace.now())
+        return self.pilot.ask(command, self._clock.now())
 
     def stop(self) -> None:
         """Zero velocity from now on."""
@@ -137,7 +137,7 @@ class Robot:
             raise ValueError(f"dt: expected seconds, got {dt!r}")
         if self._log is not None:
             self._log.flush()
-        self._pace.wait(dt)
+        self._clock.wait(dt)
 
     def close(self) -> None:
         """Sends zero velocity for `FAREWELL` seconds and lets go of the robot."""
@@ -164,10 +164,10 @@ class Robot:
 
         `connect` calls this, once.
         """
-        self._closers.callback(self._pace.stop, FAREWELL)
-        self._pace.start(self._beat)
+        self._closers.callback(self._clock.stop, FAREWELL)
+        self._clock.start(self._beat)
         for _ in range(math.ceil(PATIENCE / 0.05)):
-            self._pace.wait(0.05)
+            self._clock.wait(0.05)
             if self.pilot.news:
                 return
         raise RobotTimeout(f"{self.address}: no state came within {PATIENCE:g} s; is it on?")
@@ -176,11 +176,11 @@ class Robot:
         """Sends the command of this moment, and hears what comes until the next one is due."""
         if late:  # what waited while the program slept is old, not to be taken for fresh
             self._drop()
-        self._speak(self.pilot.command(self._pace.now()))
+        self._speak(self.pilot.command(self._clock.now()))
         try:
             self._hear(left)
         except Exception as error:  # whatever it is, the next command has to go out
-            self.pilot.events.append((self._pace.now(), f"hearing failed: {error!r}"))
+            self.pilot.events.append((self._clock.now(), f"hearing failed: {error!r}"))
 
     def _speak(self, command: HighCmd) -> None:
         """Sends a command, and tells the guardian what would be its zero velocity."""
@@ -189,7 +189,7 @@ class Robot:
         self._transport.send(self._packets[1])
         self.sent += 1
         if self._guardian is not None and not self._guardian.beat(self._packets[2]):
-            self.pilot.events.append((self._pace.now(), "the guardian process is dead"))
+            self.pilot.events.append((self._clock.now(), "the guardian process is dead"))
             self._guardian = None
 
     def _hear(self, left: Callable[[], float]) -> None:
@@ -198,7 +198,7 @@ class Robot:
             data = self._transport.receive(left())
             if data is None:
                 break
-            now = self._pace.now()
+            now = self._clock.now()
             if self.pilot.hear(data, now):
                 self._note(now)
 

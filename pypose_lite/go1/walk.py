@@ -60,8 +60,9 @@ def walk(
     """
     import torch
 
-    from .. import infinity, planner
-    from ..models import DubinsCar
+    from .. import infinity
+    from ..splines import local_plan
+    from ..systems import DubinsCar
     from ..utils import ReduceToBason
 
     car = DubinsCar(dt=STEP)
@@ -71,7 +72,7 @@ def walk(
 
     def aim(x: "Tensor", waypoint: "Tensor") -> "Tensor":
         report(int(waypoint))
-        return planner.local_plan(x, path, waypoint, spacing, mpc.T + 1)[..., 1:, :]
+        return local_plan(x, path, waypoint, spacing, mpc.T + 1)[..., 1:, :]
 
     mpc.register_forward_hook(Patience())
     fastest = torch.tensor([1.25 * speed, FASTEST_TURN], dtype=path.dtype)

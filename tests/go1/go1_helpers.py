@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from pypose_lite import go1
-from pypose_lite.go1.commands import still
+from pypose_lite.go1.safety.limits import still
 
 
 class Watched:
@@ -18,7 +18,7 @@ class Watched:
         simulation = go1.Simulation(faults=go1.Faults(**faults), numbers=numbers, **setup)
         self.sent, self.told = [], []
         self.robot = go1.connect("sim", simulation=simulation, **options)
-        self.now = self.robot._pace.now
+        self.now = self.robot._clock.now
         self._tap(self.robot.simulator, "apply", self.told)
         self._tap(self.robot, "_speak", self.sent)
 

@@ -6,8 +6,8 @@ import pytest
 from go1_helpers import moving, velocity
 
 from pypose_lite import go1
-from pypose_lite.go1.commands import Mode
 from pypose_lite.go1.robot import FAREWELL
+from pypose_lite.go1.safety.limits import Mode
 
 BAD_LINES = {
     "a good line": {},

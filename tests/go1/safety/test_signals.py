@@ -17,11 +17,11 @@ import pytest
 from go1_helpers import moving
 
 from pypose_lite import go1
-from pypose_lite.go1 import endings
-from pypose_lite.go1.dog import STEP
-from pypose_lite.go1.protocol import COMMAND_SIZE
-from pypose_lite.go1.simulation import Simulator
-from pypose_lite.go1.transport import UdpServer
+from pypose_lite.go1.safety import signals
+from pypose_lite.go1.simulator.body import STEP
+from pypose_lite.go1.simulator.simulated_robot import SimulatedRobot
+from pypose_lite.go1.wire.protocol import COMMAND_SIZE
+from pypose_lite.go1.wire.transport import UdpServer
 
 pytestmark = pytest.mark.wall_clock
 DRIVER = Path(__file__).with_name("dying_driver.py")
@@ -45,7 +45,7 @@ BY_SIGNAL = {
 LIVING = {"sleep", "spin", "hold_the_interpreter", "Ctrl-Z", "Ctrl-C, and the program goes on"}
 
 
-class Witness(Simulator):
+class Witness(SimulatedRobot):
     """A robot on UDP in a thread, which writes down what it is told."""
 
     def __init__(self):
@@ -171,15 +171,15 @@ def test_what_waited_while_the_program_slept_is_not_taken_for_fresh(drivers):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_are_put_back_when_the_last_robot_is_closed(number):
     assert signal.getsignal(number) == signal.SIG_DFL
-    endings.arm()
-    endings.arm()
+    signals.arm()
+    signals.arm()
     with pytest.raises(SystemExit) as ended:
         os.kill(os.getpid(), number)
         time.sleep(1.0)
     assert ended.value.code == 128 + number
-    endings.disarm()
+    signals.disarm()
     assert signal.getsignal(number) != signal.SIG_DFL
-    endings.disarm()
+    signals.disarm()
     assert signal.getsignal(number) == signal.SIG_DFL
 
 
@@ -189,9 +189,9 @@ def test_a_signal_that_the_program_handles_itself_is_left_to_it():
 
     before = signal.signal(signal.SIGTERM, mine)
     try:
-        endings.arm()
+        signals.arm()
         assert signal.getsignal(signal.SIGTERM) is mine
-        endings.disarm()
+        signals.disarm()
         assert signal.getsignal(signal.SIGTERM) is mine
     finally:
         signal.signal(signal.SIGTERM, before)

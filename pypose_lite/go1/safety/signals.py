@@ -8,7 +8,7 @@ import signal
 from types import FrameType
 from typing import Any, NoReturn
 
-SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _before: dict[int, Any] = {}
 _robots = 0
 
@@ -17,7 +17,7 @@ def arm() -> None:
     """From now on those signals raise SystemExit; one that the program handles itself is left."""
     global _robots
     _robots += 1
-    for number in SIGNALS:
+    for number in ENDINGS:
         if number not in _before and signal.getsignal(number) == signal.SIG_DFL:
             with contextlib.suppress(ValueError):  # only the main thread may; others do without
                 _before[number] = signal.signal(number, _leave)

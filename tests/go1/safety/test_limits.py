@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pypose_lite.go1.commands import SPEEDS, Gait, Mode, slower, still, vet
-from pypose_lite.go1.protocol import BmsCmd, HighCmd
+from pypose_lite.go1.safety.limits import SPEEDS, Gait, Mode, slower, still, vet
+from pypose_lite.go1.wire.protocol import BmsCmd, HighCmd
 
 WALK = HighCmd(mode=Mode.WALK, gait_type=Gait.TROT)
 LIMITS = {  # the specification's table

@@ -1,7 +1,7 @@
 import pytest
 
-from pypose_lite.go1 import pace
-from pypose_lite.go1.pace import RealTime, Stepped
+from pypose_lite.go1.safety import clocks
+from pypose_lite.go1.safety.clocks import SteppedClock, WallClock
 
 
 class Clock:
@@ -21,12 +21,12 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(pace, "time", clock)
+    monkeypatch.setattr(clocks, "time", clock)
     return clock
 
 
 def test_waiting_takes_off_what_the_planner_took(clock):
-    real = RealTime(200.0)
+    real = WallClock(200.0)
     for thinking in (0.03, 0.0, 0.09):
         clock.time += thinking
         real.wait(0.1)
@@ -34,7 +34,7 @@ def test_waiting_takes_off_what_the_planner_took(clock):
 
 
 def test_a_planner_that_is_too_slow_is_not_made_to_wait(clock):
-    real = RealTime(200.0)
+    real = WallClock(200.0)
     for thinking in (0.15, 0.12, 0.19):
         clock.time += thinking
         real.wait(0.1)
@@ -42,7 +42,7 @@ def test_a_planner_that_is_too_slow_is_not_made_to_wait(clock):
 
 
 def test_after_a_long_pause_a_wait_is_a_whole_one(clock):
-    real = RealTime(200.0)
+    real = WallClock(200.0)
     clock.time += 10.0
     real.wait(0.1)
     assert clock.slept[-1] == pytest.approx(0.1)
@@ -52,7 +52,7 @@ def test_after_a_long_pause_a_wait_is_a_whole_one(clock):
 
 def beats(clock, costs, period=0.005):
     """[(time, late, seconds left)] of beats that take so long."""
-    real, seen = RealTime(1.0 / period), []
+    real, seen = WallClock(1.0 / period), []
 
     def beat(late, left):
         seen.append((clock.time, late, left()))
@@ -82,7 +82,7 @@ def test_a_beat_after_a_long_sleep_knows_that_it_is_late(clock):
 
 
 def test_a_stepped_time_beats_before_the_far_end_lives():
-    stepped, order = Stepped(100.0), []
+    stepped, order = SteppedClock(100.0), []
     stepped.start(lambda late, left: order.append(("beat", stepped.now(), late, left())))
     stepped.peer = lambda: order.append(("peer", stepped.now()))
     stepped.wait(0.02)

@@ -9,7 +9,7 @@ DROWSY = 0.1  # s; a beat that is so late shows that the whole program slept
 Beat = Callable[[bool, Callable[[], float]], None]  # (late, seconds left until the next beat)
 
 
-class RealTime:
+class WallClock:
     """The wall clock, and a thread that beats at a fixed rate, in Hz."""
 
     now = staticmethod(time.monotonic)
@@ -54,7 +54,7 @@ class RealTime:
             self._left -= 1
 
 
-class Stepped:
+class SteppedClock:
     """Simulated time: it passes in `wait` alone, one beat after the other, the same every time.
 
     Args:

@@ -8,8 +8,8 @@ import math
 import random
 from dataclasses import dataclass, replace
 
-from .commands import Mode
-from .protocol import BmsState, HighCmd, HighState, Imu
+from ..safety.limits import Mode
+from ..wire.protocol import BmsState, HighCmd, HighState, Imu
 
 STEP = 0.005  # s, of the integration
 SERIAL = {"edu": 3, "pro": 2}  # byte 1 of the serial number, by model

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pypose_lite.go1 import protocol
-from pypose_lite.go1.layout import places
-from pypose_lite.go1.pilot import Pilot
-from pypose_lite.go1.protocol import (
+from pypose_lite.go1.safety.pilot import Pilot
+from pypose_lite.go1.wire.layout import places
+from pypose_lite.go1.wire.protocol import (
     BmsCmd,
     BmsState,
     HighCmd,

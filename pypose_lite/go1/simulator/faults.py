@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .transport import Transport
+from ..wire.transport import Transport
 
 
 @dataclass(frozen=True)

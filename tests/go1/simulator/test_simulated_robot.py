@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pypose_lite import go1
-from pypose_lite.go1.commands import Gait, Mode
-from pypose_lite.go1.dog import STEP, Dog
-from pypose_lite.go1.protocol import HighCmd, decode_state, encode_command
-from pypose_lite.go1.simulation import Simulator
-from pypose_lite.go1.transport import pair
+from pypose_lite.go1.safety.limits import Gait, Mode
+from pypose_lite.go1.simulator.body import STEP, Dog
+from pypose_lite.go1.simulator.simulated_robot import SimulatedRobot
+from pypose_lite.go1.wire.protocol import HighCmd, decode_state, encode_command
+from pypose_lite.go1.wire.transport import pair
 
 WALK = HighCmd(mode=Mode.WALK, gait_type=Gait.TROT, velocity=(0.4, 0.0), yaw_speed=0.5)
 EXACT = go1.Numbers(lag=0.0, scale=1.0, yaw_drift=0.0, jitter=0.0, sensor=0.0)
@@ -97,7 +97,7 @@ class Bench:
     def __init__(self, **setup):
         self.time = 0.0
         self.line, far = pair()
-        self.simulator = Simulator(far, go1.Simulation(**setup), lambda: self.time)
+        self.simulator = SimulatedRobot(far, go1.Simulation(**setup), lambda: self.time)
 
     def tell(self, data, after=0.005):
         """Sends a datagram, lets time pass, and returns the answers."""

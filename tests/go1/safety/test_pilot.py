@@ -3,9 +3,9 @@ from dataclasses import replace
 
 import pytest
 
-from pypose_lite.go1.commands import Gait, Mode
-from pypose_lite.go1.pilot import Pilot, RobotTimeout
-from pypose_lite.go1.protocol import HighCmd, HighState, Imu, encode_state
+from pypose_lite.go1.safety.limits import Gait, Mode
+from pypose_lite.go1.safety.pilot import Pilot, RobotTimeout
+from pypose_lite.go1.wire.protocol import HighCmd, HighState, Imu, encode_state
 
 WALK = HighCmd(mode=Mode.WALK, gait_type=Gait.TROT, velocity=(0.3, 0.0), yaw_speed=0.5)
 STILL = replace(WALK, velocity=(0.0, 0.0), yaw_speed=0.0)

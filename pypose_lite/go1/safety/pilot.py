@@ -10,8 +10,7 @@ import threading
 from collections import deque
 from dataclasses import replace
 
-from .commands import Mode, slower, still, vet
-from .protocol import (
+from ..wire.protocol import (
     HIGH_LEVEL,
     HighCmd,
     HighState,
@@ -19,6 +18,7 @@ from .protocol import (
     decode_state,
     encode_command,
 )
+from .limits import Mode, slower, still, vet
 
 REMEMBERED = 32  # contents of states, 0.6 s of them: one that comes again is old, not news
 
@@ -77,7 +77,7 @@ class Pilot:
         Raises:
             RobotTimeout: the state is stale.
             RuntimeError: the robot is closed, or it lies or is limp and has to stand up first.
-            ValueError: see `commands.vet`.
+            ValueError: see `limits.vet`.
         """
         with self._lock:
             self._may_ask(command.mode)

@@ -1,6 +1,6 @@
 """A simulated Go1 at the far end of a transport, by the rules of the robot's protocol.
 
-`Numbers` (dog.py) names what it assumes of the body, `Faults` (faults.py) what may go wrong on the
+`Numbers` (body.py) names what it assumes of the body, `Faults` (faults.py) what may go wrong on the
 line, `Simulation` the rest. It follows what the vendor's SDK was seen to accept, not a robot.
 """
 
@@ -8,11 +8,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from .commands import still
-from .dog import STEP, Dog, Numbers
+from ..safety.limits import still
+from ..wire.protocol import (
+    COMMAND_SIZE,
+    HEAD,
+    HighCmd,
+    ProtocolError,
+    decode_command,
+    encode_state,
+)
+from ..wire.transport import Transport
+from .body import STEP, Dog, Numbers
 from .faults import Faults, FaultyLine
-from .protocol import COMMAND_SIZE, HEAD, HighCmd, ProtocolError, decode_command, encode_state
-from .transport import Transport
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class Simulation:
     vanish: float = float("inf")
 
 
-class Simulator:
+class SimulatedRobot:
     """A robot at the far end of a transport, alive as long as `step` is called.
 
     Attributes:

@@ -7,7 +7,7 @@ import math
 from dataclasses import fields, replace
 from enum import IntEnum
 
-from .protocol import HighCmd
+from ..wire.protocol import HighCmd
 
 
 class Mode(IntEnum):

@@ -44,7 +44,7 @@ def test_the_simulator_is_a_program_of_its_own_that_ctrl_c_ends_quietly():
     ],
 )
 def test_options_that_do_not_fit_are_told_in_one_line(options, message, capsys):
-    from pypose_lite.go1.simulator import main
+    from pypose_lite.go1.simulator.__main__ import main
 
     with pytest.raises(SystemExit) as ended:
         main(["--port", "0", *options])

@@ -14,7 +14,7 @@ import threading
 
 from unitree_legged_sdk import robot_interface as sdk
 
-from pypose_lite.go1.protocol import COMMAND_SIZE, STATE_SIZE, HighState, encode_state
+from pypose_lite.go1.wire.protocol import COMMAND_SIZE, STATE_SIZE, HighState, encode_state
 
 
 def sockets():

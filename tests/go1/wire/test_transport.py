@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from pypose_lite.go1.faults import Faults, FaultyLine
-from pypose_lite.go1.transport import Udp, UdpServer, pair
+from pypose_lite.go1.simulator.faults import Faults, FaultyLine
+from pypose_lite.go1.wire.transport import Udp, UdpServer, pair
 
 
 def test_a_pair_in_memory_carries_datagrams_both_ways_in_order():

@@ -7,11 +7,11 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import fields
 
-from .dog import STEP, Numbers
+from ..wire.protocol import COMMAND_SIZE
+from ..wire.transport import UdpServer
+from .body import STEP, Numbers
 from .faults import Faults
-from .protocol import COMMAND_SIZE
-from .simulation import Simulation, Simulator
-from .transport import UdpServer
+from .simulated_robot import SimulatedRobot, Simulation
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     numbers = Numbers(lag=options.lag, dead_band=options.dead_band)
     setup = Simulation(options.model, options.seed, numbers, faults, options.freeze, options.vanish)
     print(f"simulated Go1 ({options.model}) on udp://{options.host}:{server.port}", flush=True)
-    simulator = Simulator(server, setup)
+    simulator = SimulatedRobot(server, setup)
     try:
         while True:
             simulator.step(timeout=STEP)

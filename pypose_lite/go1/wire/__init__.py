@@ -1,0 +1,1 @@
+"""What travels: packets as bytes and as values (`protocol`), and ways to carry them."""

@@ -1,4 +1,4 @@
-"""One-line shape contracts.
+"""One-line shape contracts for what users pass, and where modules keep it.
 
 Vectors come last and batches first: a state is ``(..., n)``, a sequence ``(..., T, n)``.
 """
@@ -8,7 +8,7 @@ import math
 import re
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 
 def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
@@ -93,8 +93,8 @@ def over_time(name: str, value: Tensor, sizes: tuple[int, ...], T: int, batch: t
 def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=False) -> None:
     """Raises ValueError where x is not floating, on another device, not finite, or unlike other.
 
-    NaN never passes; infinity does where ``infinite`` allows it. Inside transforms, and while torch
-    compiles, numbers cannot be asked for, and only the kinds are compared.
+    NaN never passes; infinity does where ``infinite`` allows it. Inside ``torch.vmap`` and while
+    torch compiles there are no numbers to look at, and only dtype and device are compared.
     """
     if x is None:
         return
@@ -106,7 +106,7 @@ def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=F
             f"{name}: expected {other.dtype} on {other.device} like {whose}, "
             f"got {x.dtype} on {x.device}"
         )
-    if torch.compiler.is_compiling() or torch._C._functorch.is_functorch_wrapped_tensor(x):
+    if not has_numbers(x):
         return
     if math.isfinite(x.detach().sum()):  # quicker than to ask every number
         return
@@ -114,6 +114,44 @@ def alike(name: str, x: Tensor | None, other: Tensor, whose="x_init", infinite=F
     if bad.any():
         where = tuple(bad.nonzero()[0].tolist())
         raise ValueError(f"{name}: expected finite numbers, got {x[where].item()} at {where}")
+
+
+def has_numbers(x: Tensor) -> bool:
+    """Returns whether the numbers in x can be asked for, as ``float(x)`` and ``if x > 0:`` do.
+
+    They cannot inside ``torch.vmap``, where x stands for all members of a batch at once, nor while
+    torch compiles.
+    """
+    if torch.compiler.is_compiling():
+        return False
+    while inside_transform(x):
+        if torch._C._functorch.is_batchedtensor(x):
+            return False
+        x = torch._C._functorch.get_unwrapped(x)
+    return True
+
+
+def inside_transform(x: Tensor) -> bool:
+    """Returns whether x is inside ``torch.vmap``, ``torch.func.grad`` or another such transform.
+
+    There its derivatives are taken by transforms, too. torch has no public name for this question:
+    this function and :func:`has_numbers` are the one place for the private ones.
+    """
+    return torch._C._functorch.is_functorch_wrapped_tensor(x)
+
+
+def register(module: nn.Module, name: str, value: Tensor | None) -> None:
+    """Keeps a value as ``module.name``: an ``nn.Parameter`` is learned, other tensors are buffers.
+
+    Either moves with ``module.to()`` and stands in its ``state_dict``; None stands in neither. A
+    value that the module has kept under this name before is replaced.
+    """
+    if name in module._parameters or name in module._buffers:
+        delattr(module, name)
+    if isinstance(value, nn.Parameter):
+        module.register_parameter(name, value)
+    else:
+        module.register_buffer(name, value)
 
 
 @functools.cache

@@ -4,7 +4,15 @@ import pytest
 import torch
 from oracles import close, draw
 
-from pypose_lite.shapes import alike, check, join, over_time
+from pypose_lite.shapes import (
+    alike,
+    check,
+    has_numbers,
+    inside_transform,
+    join,
+    over_time,
+    register,
+)
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -124,3 +132,44 @@ def test_what_may_be_a_batch_or_steps_is_refused_and_what_the_error_advises_work
     close(over_time("Q", steps, (2, 2), 4, batch).reshape(4, 2, 2), value, 0)
     members = value.expand(*batch[:-1], 4, 2, 2).unsqueeze(-3)
     close(over_time("Q", members, (2, 2), 4, batch)[0], members.squeeze(-3), 0)
+
+
+# --- numbers that cannot be asked for
+
+
+def test_numbers_can_be_asked_for_but_in_vmap_and_while_torch_compiles():
+    seen = {}
+
+    def note(where):
+        def function(x):
+            seen[where] = has_numbers(x), inside_transform(x)
+            return x.sum()
+
+        return function
+
+    x = torch.ones(2, 3)
+    note("outside")(x), torch.vmap(note("vmap"))(x), torch.func.grad(note("grad"))(x)
+    torch.vmap(torch.func.grad(note("grad in vmap")))(x)
+    torch.func.grad(lambda x: torch.vmap(note("vmap in grad"))(x).sum())(x)
+    torch.func.jacrev(note("jacrev"))(x), torch.func.jvp(note("jvp"), (x,), (x,))
+    asked = {"outside": (True, False), "grad": (True, True), "jacrev": (True, True)}
+    mapped = dict.fromkeys(("vmap", "grad in vmap", "vmap in grad"), (False, True))
+    assert seen == asked | mapped | {"jvp": (True, True)}
+    compiled = torch.compile(lambda x: x * 2 if has_numbers(x) else x, backend="eager")
+    close(compiled(x), x, 0)
+
+
+# --- what modules keep
+
+
+@pytest.mark.parametrize("first", [None, torch.ones(2), torch.nn.Parameter(torch.ones(2))])
+@pytest.mark.parametrize("then", [None, torch.zeros(2), torch.nn.Parameter(torch.zeros(2))])
+def test_what_a_module_keeps_is_a_parameter_or_a_buffer_and_may_be_replaced(first, then):
+    module = torch.nn.Module()
+    register(module, "Q", first)
+    register(module, "Q", then)
+    learned, kept = isinstance(then, torch.nn.Parameter), then is not None
+    assert module.Q is then
+    assert [name for name, _ in module.named_parameters()] == ["Q"] * learned
+    assert list(module.state_dict()) == ["Q"] * kept
+    assert not kept or module.to(torch.float32).Q.dtype == torch.float32

@@ -9,6 +9,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from ..shapes import inside_transform
+
 
 def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tuple[Tensor, ...]:
     """Returns ``y = function(x, u) (..., p)``, ``dy/dx (..., p, n)`` and ``dy/du (..., p, m)``.
@@ -21,7 +23,7 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
         u: ``(..., m)``, of the same batch.
         wrt: ``"x"`` leaves out the last result.
     """
-    if torch._C._functorch.is_functorch_wrapped_tensor(x):
+    if inside_transform(x):
         return transformed(function, x, u, wrt)
     y = function(x, u)
     if y.shape[:-1] != x.shape[:-1]:  # parameters have a batch of their own
@@ -37,7 +39,7 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
 
 def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor:
     """Returns the second derivative of ``weights' function(x, u)``, ``(..., n+m, n+m)``."""
-    if torch._C._functorch.is_functorch_wrapped_tensor(x):
+    if inside_transform(x):
         return transformed_hessian(function, x, u, weights)
     with torch.enable_grad():
         copies = [_copies(z, x.shape[-1] + u.shape[-1], False) for z in (x, u)]

@@ -3,10 +3,10 @@
 from typing import Self
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..linalg import bmv
-from ..shapes import check
+from ..shapes import check, register
 from .system import System
 
 
@@ -31,10 +31,7 @@ class LTI(System):
         super().__init__()
         self._check_matrices(A, B, C, D, c1, c2)
         for name, value in zip(("_A", "_B", "_C", "_D", "_c1", "_c2"), (A, B, C, D, c1, c2)):
-            if isinstance(value, nn.Parameter):
-                self.register_parameter(name, value)
-            else:
-                self.register_buffer(name, value)
+            register(self, name, value)
 
     @staticmethod
     def _check_matrices(*matrices: Tensor | None) -> None:

@@ -1,6 +1,7 @@
 # make book    the book as a site, from executed chapters, and the scoreboard of its claims
 # make test    everything that CI checks
 # make lab     the chapters in JupyterLab
+# make exercises            the exercises, from their solutions
 # make page CHAPTER=03_mpc   one chapter alone, run and built, to look at
 # make picture               the README's picture, from the opening page
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew
@@ -8,7 +9,7 @@
 
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
-.PHONY: book test lab page picture bench clean lint chapters site
+.PHONY: book test lab exercises page picture bench clean lint chapters site
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -55,6 +56,9 @@ build/npm/.complete: book/site/assets.sh .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt requirements-vendor.txt .ci/install
 	@.ci/install $(PYTHON)
+
+exercises: .venv/.installed
+	@python book/site/make_exercises.py solutions exercises
 
 page: build/executed/$(CHAPTER).ipynb build/npm/.complete
 	python book/site/stage.py build/executed build/page $(CHAPTER)

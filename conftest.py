@@ -6,6 +6,7 @@ and writes its claims to ``build/claims/03_mpc.json`` (or to the folder CLAIMS, 
 
 import json
 import os
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
@@ -59,3 +60,17 @@ class Proofreading(pytest.Item):
     def reportinfo(self):
         """Where pytest says that it failed."""
         return self.path, 0, f"{self.path.name}::proofreading"
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Prints how many answers the check of each exercise accepted and refused, as it should."""
+    done = [
+        report for key in ("passed", "failed") for report in terminalreporter.stats.get(key, [])
+    ]
+    graded = [value for report in done for key, value in report.user_properties if key == "grader"]
+    table = Counter(map(tuple, graded))
+    if table:
+        terminalreporter.section("graders: exercise, right answers accepted, wrong ones refused")
+    for number in dict.fromkeys(number for number, _ in table):
+        right, wrong = table[number, "right accepted"], table[number, "wrong refused"]
+        terminalreporter.write_line(f"{number:>5} {right:>4} {wrong:>4}")

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
+from .checks import verdicts_in
 from .claims import claims_in
 
 # Numbers that are given, not measured, and may stand in prose: the example's and the paper's.
@@ -19,8 +20,9 @@ GIVEN = frozenset(
 NOT_PROSE = re.compile(
     r"<!--.*?-->|```.*?```|\$\$.*?\$\$|\$[^$\n]+\$"  # comments, code, mathematics
     r"|(?:\{[\w:-]+\})?`[^`]*`|<[^>\n]+>|\]\([^)]*\)|https?://\S+"  # roles, tags, links
+    r"|^\*\d+ minutes\.[^\n]*\*$"  # how long an exercise takes
     r"|\b(?:Section|Chapter|Table|Figure|Fig\.|Eq\.|Exercise|Python|PyPose) \d[\d.]*",  # names
-    re.DOTALL | re.IGNORECASE,
+    re.DOTALL | re.IGNORECASE | re.MULTILINE,
 )
 UNITS = (
     r"\s?(?:cm|mm|ms|µs|us|ns|m|s|Hz|rad|deg|°|%|"
@@ -42,7 +44,7 @@ def complaints(notebook: Any, name: str = "") -> list[str]:
         name: of its file. The number of cells counts in chapters only, which begin with a number.
     """
     rules = [measured_numbers, figures_without_claim, claims_twice, claims_unmade]
-    rules += [long_cells, wide_lines]
+    rules += [long_cells, wide_lines, refused_answers]
     if CHAPTER.match(name):
         rules.append(number_of_cells)
     return [complaint for rule in rules for complaint in rule(notebook)]
@@ -69,7 +71,7 @@ def measured_numbers(notebook: Any) -> Iterator[str]:
 
 
 def figures_without_claim(notebook: Any) -> Iterator[str]:
-    """Yields each section (from one ``#`` or ``##`` heading to the next) that only shows."""
+    """Yields each section (from one heading to the next) with a figure, and no claim or check."""
     title, figures, claims = "the beginning", 0, 0
     for cell in [*notebook.cells, None]:
         heading = _heading(cell) if cell is not None else "the end"
@@ -79,7 +81,8 @@ def figures_without_claim(notebook: Any) -> Iterator[str]:
             title, figures, claims = heading, 0, 0
         if cell is not None and cell.cell_type == "code":
             figures += any(map(_is_figure, cell.get("outputs", [])))
-            claims += any("claim" in out.get("metadata", {}) for out in cell.get("outputs", []))
+            made = [out.get("metadata", {}) for out in cell.get("outputs", [])]
+            claims += any("claim" in each or "verdict" in each for each in made)
 
 
 def claims_twice(notebook: Any) -> Iterator[str]:
@@ -134,6 +137,13 @@ def number_of_cells(notebook: Any) -> Iterator[str]:
     if not FEWEST_CELLS <= cells <= MOST_CELLS:
         mend = "join some, or leave some out" if cells > MOST_CELLS else "show more of the steps"
         yield f"a chapter has {FEWEST_CELLS} to {MOST_CELLS} code cells, this one {cells}: {mend}"
+
+
+def refused_answers(notebook: Any) -> Iterator[str]:
+    """Yields each verdict of a check that is not "accepted": a solution has to be right."""
+    for verdict in verdicts_in(notebook):
+        if not verdict.passed:
+            yield f"a check does not accept what it is given: {verdict}"
 
 
 def _code(notebook: Any) -> list[Any]:

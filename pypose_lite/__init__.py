@@ -11,7 +11,38 @@ if TYPE_CHECKING:
     from . import control, filters, go1, infinity, lie, module, splines, systems, utils
     from .control import LQR, MPC, Plan, dlqr, shift
     from .filters import EKF, PF, UKF, smooth
-    from .lie import SE3, identity_SE3, is_SE3, randn_SE3, se3
+    from .lie import (
+        SE3,
+        SO3,
+        Act,
+        Adj,
+        AdjT,
+        Exp,
+        Inv,
+        LieTensor,
+        Log,
+        Mul,
+        Retr,
+        euler,
+        euler2SO3,
+        identity_SE3,
+        identity_se3,
+        identity_SO3,
+        identity_so3,
+        is_lietensor,
+        is_SE3,
+        is_se3,
+        is_SO3,
+        is_so3,
+        mat2SE3,
+        mat2SO3,
+        randn_SE3,
+        randn_se3,
+        randn_SO3,
+        randn_so3,
+        se3,
+        so3,
+    )
     from .linalg import bmv, bvmv, bvv
     from .splines import bspline, chspline, local_plan, planner
     from .systems import LTI, LTV, NLS, CartPole, DubinsCar, Linearization, Pendulum, System
@@ -23,7 +54,12 @@ _ROOMS = {
     + ["DubinsCar", "Pendulum", "CartPole"],
     "control": ["LQR", "MPC", "Plan", "dlqr", "shift"],
     "filters": ["EKF", "UKF", "PF", "smooth"],
-    "lie": ["SE3", "se3", "identity_SE3", "is_SE3", "randn_SE3"],
+    "lie": ["SO3", "so3", "SE3", "se3", "LieTensor"]
+    + ["Exp", "Log", "Inv", "Mul", "Act", "Adj", "AdjT", "Retr"]
+    + ["mat2SO3", "mat2SE3", "euler2SO3", "euler"]
+    + ["identity_SO3", "identity_so3", "identity_SE3", "identity_se3"]
+    + ["randn_SO3", "randn_so3", "randn_SE3", "randn_se3"]
+    + ["is_SO3", "is_so3", "is_SE3", "is_se3", "is_lietensor"],
     "splines": ["bspline", "chspline", "local_plan", "planner"],
     "linalg": ["bmv", "bvv", "bvmv"],
     "infinity": [],

@@ -69,6 +69,12 @@ def so3_adjoint(q: Tensor) -> Tensor:
     return so3_matrix(q)
 
 
+def so3_bracket(a: Tensor, b: Tensor) -> Tensor:
+    """The Lie bracket ``[a, b] (..., 3)``: the cross product."""
+    check("a: n, b: n", a, b, n=3)
+    return _cross(a, b)
+
+
 def so3_normalize(q: Tensor) -> Tensor:
     """The quaternion ``q (..., 4)`` scaled to length 1."""
     check("q: n", q, n=4)

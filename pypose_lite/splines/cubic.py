@@ -111,7 +111,7 @@ def _knots(name: str, data: Any, least: int) -> Tensor:
     x = x if x.is_floating_point() else x.to(torch.get_default_dtype())
     _count(name, x, least)
     if isinstance(x, SE3):
-        return SE3(torch.cat([x.translation(), so3_normalize(x.rotation())], -1))
+        return SE3(torch.cat([x.translation(), so3_normalize(x.rotation().tensor())], -1))
     return x
 
 

@@ -1,30 +1,33 @@
 # make book    the book as a site, from executed chapters, and the scoreboard of its claims
 # make test    everything that CI checks
-# make lab     the chapters in JupyterLab
-# make exercises            the exercises, from their solutions
-# make page CHAPTER=03_mpc   one chapter alone, run and built, to look at
+# make lab     lessons, exercises and solutions in JupyterLab, in the folder lab
+# make reset EXERCISE=03_mpc   that exercise as it was; yours is kept beside it
+# make exercises             the exercises, from their solutions
+# make page CHAPTER=03_mpc   one page alone, run and built (exercises/03_mpc, solutions/03_mpc)
 # make picture               the README's picture, from the opening page
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew
 # make clean   removes what these made, .venv excepted
 
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
-.PHONY: book test lab exercises page picture bench clean lint chapters site
+.PHONY: book test lab reset exercises page picture bench clean lint chapters site
 
 PYTHON ?= python3
 BIN := .venv/bin
+INSTALLED := .venv/.installed
 export OMP_NUM_THREADS ?= 1
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 LIBRARY := $(shell find pypose_lite -name '*.py')
-PAGES := $(shell sed -nE 's/.*(root|file): //p' _toc.yml)
-NOTEBOOKS := $(foreach page,$(PAGES),$(if $(wildcard book/$(page).py),build/executed/$(page).ipynb))
-SITE := build/site/_build/html/index.html
-JUPYTER_BOOK := jupyter-book build -q
+SOURCES := $(wildcard book/*.py) $(wildcard solutions/[0-9][0-9]_*.py)
+NOTEBOOKS := $(patsubst %.py,build/executed/%.ipynb,$(SOURCES:book/%=%))
+TODO := build/executed/.todo
+HTML := build/site/_build/html
+BUILD_SITE := python book/site/build.py
 
 book: site
 	@python book/site/scoreboard.py build/executed
-	@printf '\nThe book: file://%s\n' "$(CURDIR)/$(SITE)"
+	@printf '\nThe book: file://%s\n' "$(CURDIR)/$(HTML)/index.html"
 
 test: lint site
 	pytest book $(wildcard solutions) -q -n 2 --dist loadfile
@@ -38,18 +41,24 @@ lint: .venv/.installed
 	mypy
 
 site: chapters build/npm/.complete
-	python book/site/stage.py build/executed build/book
-	cp -Rp build/npm/static build/npm/extra build/book
-	$(JUPYTER_BOOK) build/book --path-output build/site -W -n --keep-going
+	@python book/site/stage.py build/executed build/book
+	@cp -Rp build/npm/static build/npm/extra build/book
+	@$(BUILD_SITE) build/book build/site -W -n --keep-going
+	@cp -Rp build/book-notebooks/. $(HTML)/_sources/
 
 # Chapters run side by side, one process for each of two cores; each is run again only when it or
 # the library has changed.
 chapters: .venv/.installed
-	@rm -f $(filter-out $(NOTEBOOKS),$(wildcard build/executed/*.ipynb))
-	@$(MAKE) -s -j2 $(NOTEBOOKS)
+	@rm -f $(filter-out $(NOTEBOOKS),$(wildcard build/executed/*.ipynb build/executed/*/*.ipynb))
+	@mkdir -p build/executed
+	@$(MAKE) -n INSTALLED= $(NOTEBOOKS) | sed -n 's/.*execute\.py [^ ]* \([^ ]*\).*/\1/p' > $(TODO)
+	@$(MAKE) -s -j2 INSTALLED= $(NOTEBOOKS)
 
-build/executed/%.ipynb: book/%.py book/site/execute.py $(LIBRARY) .venv/.installed
-	@python book/site/execute.py $< $@
+build/executed/%.ipynb: book/%.py book/site/execute.py $(LIBRARY) $(INSTALLED)
+	@python book/site/execute.py $< $@ $(wildcard $(TODO))
+
+build/executed/solutions/%.ipynb: solutions/%.py book/site/execute.py $(LIBRARY) $(INSTALLED)
+	@python book/site/execute.py $< $@ $(wildcard $(TODO))
 
 build/npm/.complete: book/site/assets.sh .venv/.installed
 	@$< build/npm && touch $@
@@ -60,19 +69,22 @@ build/npm/.complete: book/site/assets.sh .venv/.installed
 exercises: .venv/.installed
 	@python book/site/make_exercises.py solutions exercises
 
-page: build/executed/$(CHAPTER).ipynb build/npm/.complete
-	python book/site/stage.py build/executed build/page $(CHAPTER)
-	printf 'format: jb-book\nroot: $(CHAPTER)\n' > build/page/_toc.yml
-	cp -Rp build/npm/static build/npm/extra build/page
-	$(JUPYTER_BOOK) build/page
+page: $(if $(filter exercises/%,$(CHAPTER)),,build/executed/$(CHAPTER).ipynb) build/npm/.complete
+	@python book/site/stage.py build/executed build/page $(CHAPTER)
+	@cp -Rp build/npm/static build/npm/extra build/page
+	@$(BUILD_SITE) build/page build/page
+	@cp -Rp build/page-notebooks/. build/page/_build/html/_sources/
 	@printf '\nThe page: file://%s\n' "$(CURDIR)/build/page/_build/html/$(CHAPTER).html"
 
 picture: build/executed/index.ipynb
 	python book/site/picture.py $< book/infinity.gif
 
 lab: .venv/.installed
-	@JUPYTER_CONFIG_DIR=build/lab jupytext-config set-default-viewer python
-	JUPYTER_CONFIG_DIR=build/lab jupyter lab --ip=127.0.0.1 --LabApp.news_url=None book
+	@python book/site/lab.py stage build/executed lab
+	@python book/site/lab.py start lab
+
+reset: .venv/.installed
+	@python book/site/lab.py reset build/executed lab $(EXERCISE)
 
 bench: .venv/.installed-bench
 	@mkdir -p build

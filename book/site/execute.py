@@ -1,7 +1,8 @@
 """Runs one chapter from a fresh kernel: ``python book/site/execute.py book/03_mpc.py out.ipynb``.
 
 Ends with an error, and writes nothing, where a cell fails, a claim does not hold, or the chapter
-does not pass its proofreading.
+does not pass its proofreading. A third argument names the list of all notebooks to be made in this
+run, a line each; then each chapter says when it begins and ends, and how many are left.
 """
 
 import sys
@@ -36,9 +37,24 @@ def execute(chapter: Path, target: Path) -> str:
     return f"{chapter.stem}: {len(claims_in(notebook))} claims hold ({seconds:.0f} s)"
 
 
+def left(todo: Path) -> int:
+    """How many notebooks of the list have not been made since the list was."""
+    began = todo.stat().st_mtime
+    paths = [Path(line) for line in todo.read_text().split()]
+    return sum(not path.exists() or path.stat().st_mtime < began for path in paths)
+
+
+def main(chapter: Path, target: Path, *todo: Path) -> None:
+    """Makes the notebook, and says so."""
+    for path in todo:
+        print(f"{target.stem}: begins ({left(path)} to go)", flush=True)
+    line = execute(chapter, target)
+    print("; ".join([line, *(f"{left(path)} to go" for path in todo)]), flush=True)
+
+
 if __name__ == "__main__":
-    chapter, target = map(Path, sys.argv[1:])
+    chapter, *paths = map(Path, sys.argv[1:])
     try:
-        print(execute(chapter, target), flush=True)
+        main(chapter, *paths)
     except (CellExecutionError, CellTimeoutError, DeadKernelError, ValueError) as error:
         sys.exit(f"{chapter}: {error}")

@@ -21,8 +21,8 @@ Claims = dict[tuple[str, str], Claim]  # by chapter and name
 def gather(executed: Path) -> Claims:
     """The claims of all notebooks in a folder, in the order of the chapters' names."""
     return {
-        (path.stem, claim.name): claim
-        for path in sorted(executed.glob("*.ipynb"))
+        (_page(path, executed), claim.name): claim
+        for path in sorted(executed.rglob("*.ipynb"))
         for claim in claims_in(nbformat.read(path, as_version=4))
     }
 
@@ -30,10 +30,15 @@ def gather(executed: Path) -> Claims:
 def recorded(folder: Path) -> Claims:
     """The claims that pytest wrote down when it ran the chapters."""
     return {
-        (path.stem, record["name"]): Claim(**record)
-        for path in sorted(folder.glob("*.json"))
+        (_page(path, folder), record["name"]): Claim(**record)
+        for path in sorted(folder.rglob("*.json"))
         for record in json.loads(path.read_text())
     }
+
+
+def _page(path: Path, folder: Path) -> str:
+    """The name of the page whose notebook or record this is."""
+    return str(path.relative_to(folder).with_suffix(""))
 
 
 def row(chapter: str, claim: Claim) -> list[str]:
@@ -46,6 +51,15 @@ def table(claims: Claims) -> str:
     rows = [COLUMNS, *(row(chapter, claim) for (chapter, _), claim in claims.items())]
     widths = [max(map(len, column)) for column in zip(*rows)]
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in rows)
+
+
+def page_of(claims: Claims) -> str:
+    """The scoreboard in Markdown."""
+    rows = [COLUMNS, ["---"] * len(COLUMNS)]
+    for (chapter, _), claim in claims.items():
+        first, *rest = row(chapter, claim)
+        rows.append([f"[{first}]({first}.ipynb)", *rest])
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
 def unrepeated(first: Claims, second: Claims) -> Iterator[str]:

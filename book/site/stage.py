@@ -1,74 +1,138 @@
 """Makes the pages ready for Sphinx: ``python book/site/stage.py build/executed build/book [PAGE]``.
 
-Notebooks come from the folder where they were executed, other pages from ``book/``. Numbers are
-filled in for ``{claim}`name``` (of the same chapter) and ``{claim}`03_mpc.name``` (of another), the
-scoreboard for ``<!-- scoreboard -->``, and links to a chapter's text lead to its page.
+Notebooks come from the folder where they were executed (exercises, which stop at their first stub,
+from their sources), other pages from ``book/``. Numbers are filled in for ``{claim}`name``` (of the
+same page) and ``{claim}`03_mpc.name``` (of another), the scoreboard for ``<!-- scoreboard -->``,
+links to a chapter's text lead to its page, and tags become folds. ``TARGET-notebooks`` holds the
+same notebooks in plain Markdown, for those who download them.
 """
 
-import re
 import shutil
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
+import contents
+import folds
+import jupytext
 import nbformat
-from scoreboard import COLUMNS, gather, row
+from pages import ROOT, linked, notebooks, on_site, texts
+from plain import Plain, equation_numbers
+from scoreboard import gather, page_of
 
 from pypose_lite.teaching.proofread import REFERENCE
 
-BOOK = Path(__file__).parent.parent
+UNKNOWN = "…"  # a number of a chapter that has not been run
 
 
-def stage(executed: Path, target: Path, page: str = "*") -> None:
+class Numbers:
+    """What stands for a claim in a page's text."""
+
+    def __init__(self, page: str, claims: dict, strict: bool = True):
+        self.page, self.claims, self.strict = page, claims, strict
+
+    def __call__(self, reference: str) -> str:
+        """The number with its unit; ends the build where no cell claims it."""
+        *chapter, name = reference.split(".")
+        key = (chapter[0] if chapter else self.page, name)
+        if key in self.claims:
+            return self.claims[key].number
+        if self.strict or any(page == key[0] for page, _ in self.claims):
+            sys.exit(f"{self.page}: no cell claims what the text refers to, {{claim}}`{reference}`")
+        return UNKNOWN
+
+    def fill(self, text: str) -> str:
+        """The text with all its numbers."""
+        return REFERENCE.sub(lambda found: self(found[1]), text)
+
+
+def stage(executed: Path, target: Path, only: str = "*") -> None:
     """Makes ``target`` hold all pages, or the one asked for."""
-    claims, pages = gather(executed), {}
-    for path in executed.glob(f"{page}.ipynb"):
-        notebook = nbformat.read(path, as_version=4)
-        for cell in notebook.cells:
-            if cell.cell_type == "markdown":
-                cell.source = filled_in(cell.source, path.stem, claims)
-        pages[path.name] = nbformat.writes(notebook)
-    for path in BOOK.glob(f"{page}.md"):
-        text = filled_in(path.read_text(), path.stem, claims)
-        pages[path.name] = text.replace("<!-- scoreboard -->", table(claims))
-    for path in [*BOOK.glob("*.bib"), *BOOK.parent.glob("_*.yml")]:
+    claims, strict = gather(executed), only == "*"
+    equations = all_equations()
+    pages: dict[str, str] = {}
+    plain: dict[str, str] = {}
+    for page in notebooks():
+        if not fnmatch(page, only):
+            continue
+        notebook, numbers = read(page, executed), Numbers(page, claims, strict)
+        pages[f"{page}.ipynb"] = nbformat.writes(for_page(notebook, page, numbers))
+        rewrite = Plain(page, numbers, notebook_place, equations)
+        plain[f"{page}.ipynb"] = nbformat.writes(for_download(notebook, rewrite))
+    for page, path in texts().items():
+        if fnmatch(page, only) or page in contents.BESIDE:
+            text = linked(Numbers(page, claims, strict).fill(path.read_text()), page, on_site)
+            pages[f"{page}.md"] = text.replace("<!-- scoreboard -->", page_of(claims))
+    for path in [*(ROOT / "book").glob("*.bib"), *ROOT.glob("_config.yml")]:
         pages[path.name] = path.read_text()
+    pages["_toc.yml"] = contents.of(only)
     put(pages, target)
-    shutil.copytree(BOOK / "site" / "static", target / "static", dirs_exist_ok=True)
+    put(plain, target.with_name(f"{target.name}-notebooks"))
+    shutil.copytree(ROOT / "book" / "site" / "static", target / "static", dirs_exist_ok=True)
 
 
-def filled_in(text: str, page: str, claims: dict) -> str:
-    """The text with the numbers in place of their names, and links between pages."""
-
-    def number(found: re.Match) -> str:
-        *chapter, name = found[1].split(".")
-        key = (*chapter, name) if chapter else (page, name)
-        if key not in claims:
-            sys.exit(f"{page}: no cell claims what the text refers to, {found[0]}")
-        return claims[key].number
-
-    return re.sub(r"\]\((\w+)\.py(#[\w-]+)?\)", r"](\1.ipynb\2)", REFERENCE.sub(number, text))
+def read(page: str, executed: Path) -> nbformat.NotebookNode:
+    """The notebook of a page: executed, or as it stands in the source where it is an exercise."""
+    if page.startswith("exercises/"):
+        return jupytext.read(notebooks()[page])
+    return nbformat.read(executed / f"{page}.ipynb", as_version=4)
 
 
-def table(claims: dict) -> str:
-    """The scoreboard in Markdown."""
-    rows = [COLUMNS, ["---"] * len(COLUMNS)]
-    for (chapter, _), claim in claims.items():
-        first, *rest = row(chapter, claim)
-        rows.append([f"[{first}]({first}.ipynb)", *rest])
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+def for_page(notebook, page: str, numbers: Numbers):
+    """The notebook as the page builder takes it."""
+    notebook = folds.for_page(notebook)
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            cell.source = linked(numbers.fill(cell.source), page, on_site)
+        elif page.startswith("solutions/"):
+            folds.fold_code(cell)
+    return notebook
+
+
+def for_download(notebook, rewrite: Plain):
+    """The notebook as any reader of notebooks takes it."""
+    notebook = folds.for_lab(notebook)
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            cell.source = rewrite(cell.source)
+    return notebook
+
+
+def notebook_place(page: str) -> str:
+    """Where a notebook lies beside the others, once downloaded."""
+    return f"{page}.ipynb" if page in notebooks() else ""
+
+
+def all_equations() -> dict[str, str]:
+    """The number of every labelled equation of the book."""
+    found = {}
+    for page, path in notebooks().items():
+        cells = jupytext.read(path).cells
+        text = "\n\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
+        found |= equation_numbers(page, text)
+    return found
 
 
 def put(pages: dict[str, str], target: Path) -> None:
-    """Makes the folder hold these files and no others; Sphinx sees only the ones that changed."""
+    """Makes the folder hold these pages and no others; Sphinx sees only the ones that changed."""
     target.mkdir(parents=True, exist_ok=True)
-    for path in target.iterdir():
-        if path.is_file() and path.name not in pages:
+    for path in [*target.glob("*"), *(p for d in pages_folders(target) for p in d.glob("*"))]:
+        if path.is_file() and str(path.relative_to(target)) not in pages:
             path.unlink()
     for name, text in pages.items():
         path = target / name
+        path.parent.mkdir(exist_ok=True)
         if not path.exists() or path.read_text() != text:
             path.write_text(text)
 
 
+def pages_folders(target: Path) -> list[Path]:
+    """The folders of pages within ``target``; others hold scripts and the built site."""
+    return [target / name for name in ("exercises", "solutions", "api") if (target / name).is_dir()]
+
+
 if __name__ == "__main__":
-    stage(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])
+    try:
+        stage(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])
+    except ValueError as error:
+        sys.exit(str(error))

@@ -18,7 +18,8 @@ class Claim:
     """A number that a cell has checked.
 
     ``bound`` says in words what was claimed, ``paper`` is what the paper reports, and ``cell``
-    counts the code cells of the chapter from 1.
+    counts the code cells of the chapter from 1. Where ``holds`` is False the cell has stopped, and
+    so has the build; readers who changed something see their number all the same.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Claim:
     paper: Number | None = None
     varies: bool = False
     cell: int | None = None
+    holds: bool = True
 
     @property
     def number(self) -> str:
@@ -42,7 +44,8 @@ class Claim:
     def __str__(self) -> str:
         """The line under the figure."""
         paper = f" (paper: {self.reported})" if self.reported else ""
-        return f"`{self.name}` = {self.number}, {self.bound}{paper}"
+        claimed = self.bound if self.holds else f"claimed: {self.bound}"
+        return f"`{self.name}` = {self.number}, {claimed}{paper}"
 
 
 def claim(
@@ -87,10 +90,9 @@ def claim(
         and (equals is None or abs(number - equals) <= (within or 0))
     )
     bound = _bound(below, above, equals, within, unit)
-    record = Claim(name, number, bound, unit, paper, varies)
+    _show(Claim(name, number, bound, unit, paper, varies, holds=holds))
     if not holds:
         raise AssertionError(f"claim does not hold: {name} = {number!r} {unit}; claimed: {bound}")
-    _show(record)
 
 
 def claims_in(notebook: Any) -> list[Claim]:
@@ -112,8 +114,10 @@ def _show(record: Claim) -> None:
         return print(record)
     if not hasattr(get_ipython(), "kernel"):
         return print(record)
-    line = {"text/plain": f"✓ {record}", "text/markdown": f"✓ {record}"}
-    display.display(line, raw=True, metadata={"claim": asdict(record)})
+    text = f"{'✓' if record.holds else '✗'} {record}"
+    line = {"text/plain": text, "text/markdown": text}
+    metadata = {"claim": asdict(record), "shown": record.number}
+    display.display(line, raw=True, metadata=metadata)
 
 
 def _number(name: str, value: Any) -> Number:

@@ -6,11 +6,14 @@ those of Okabe and Ito, which colour-blind readers can tell apart, and the shape
 
 import math
 from functools import partial
+from typing import Any
 
 import matplotlib.pyplot as plt
 import torch
+from IPython.display import display
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.quiver import Quiver
@@ -18,6 +21,7 @@ from torch import Tensor
 
 from .. import infinity
 from ..shapes import check
+from .pictures import Picture, png
 
 BLUE, RED, ORANGE = "#0072B2", "#D55E00", "#E69F00"
 GREEN, PURPLE, SKY, GREY = "#009E73", "#CC79A7", "#56B4E9", "#666666"
@@ -42,6 +46,35 @@ def use_style() -> None:
             "axes.prop_cycle": plt.cycler(color=[BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY]),
         }
     )
+
+
+def show(fig: Figure, alt: str) -> None:
+    """Shows a figure, and closes it.
+
+    Args:
+        fig: it is the last that the cell does with it.
+        alt: what a reader who cannot see it should know, in a sentence: what is drawn, and what
+            is to be seen in it. Numbers belong into the text, where claims fill them in.
+
+    Raises:
+        ValueError: there is no alternative text.
+    """
+    if not alt.strip():
+        raise ValueError("alt: expected a sentence that says what the figure shows, got nothing")
+    display(Picture(png(fig), alt))
+
+
+def stacked(panels: int = 2, height: float = 2.6, **options: Any) -> tuple[Figure, Any]:
+    """Returns a figure with panels one above the other, each as wide as the page.
+
+    Side by side, panels are half as wide, and too small to read on a phone.
+
+    Args:
+        panels: how many.
+        height: of each, in inches.
+        options: of ``plt.subplots``, ``sharex=True`` and the like.
+    """
+    return plt.subplots(panels, 1, figsize=(7, panels * height), **options)
 
 
 def infinity_axes(ax: Axes, title: str = "", margin: float = 0.4) -> Axes:

@@ -31,8 +31,6 @@ UNITS = (
 MEASURED = re.compile(rf"(?<![\w.])(?:\d+\.\d+(?:e-?\d+)?(?!\.?\d)(?:{UNITS})?|\d+{UNITS})")
 REFERENCE = re.compile(r"(?<!`)\{claim\}`([\w.]+)`")  # `name`, or `03_mpc.name` in another chapter
 FIGURE = re.compile(r"image/|video/|application/vnd\.jupyter\.widget-view")
-CHAPTER = re.compile(r"\d\d_")  # so begins the name of a chapter's file: 03_mpc.py
-FEWEST_CELLS, MOST_CELLS = 14, 20  # of code, in a chapter
 LINES, COLUMNS = 20, 86  # of a code cell: more lines need two looks, more columns a scrollbar
 
 
@@ -41,12 +39,10 @@ def complaints(notebook: Any, name: str = "") -> list[str]:
 
     Args:
         notebook: with its outputs.
-        name: of its file. The number of cells counts in chapters only, which begin with a number.
+        name: of its file.
     """
     rules = [measured_numbers, figures_without_claim, claims_twice, claims_unmade]
     rules += [long_cells, wide_lines, refused_answers]
-    if CHAPTER.match(name):
-        rules.append(number_of_cells)
     return [complaint for rule in rules for complaint in rule(notebook)]
 
 
@@ -125,18 +121,6 @@ def wide_lines(notebook: Any) -> Iterator[str]:
                     f"a line of code has {len(line)} columns, more than {COLUMNS}: break it, or "
                     f"give a part of it a name: {line.strip()!r}"
                 )
-
-
-def number_of_cells(notebook: Any) -> Iterator[str]:
-    """Yields how many code cells the chapter has, if not 14 to 20.
-
-    Those that only JupyterLab shows (``remove-cell``) are not counted: they play with what the
-    cell before them has shown. Folded ones are.
-    """
-    cells = sum("remove-cell" not in cell.metadata.get("tags", []) for cell in _code(notebook))
-    if not FEWEST_CELLS <= cells <= MOST_CELLS:
-        mend = "join some, or leave some out" if cells > MOST_CELLS else "show more of the steps"
-        yield f"a chapter has {FEWEST_CELLS} to {MOST_CELLS} code cells, this one {cells}: {mend}"
 
 
 def refused_answers(notebook: Any) -> Iterator[str]:

@@ -3,34 +3,30 @@
 Both show pictures, which are plain values: a slider's picture can be tested like a number.
 """
 
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import ipywidgets
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-
-def png(figure: Figure, dpi: int = 110) -> bytes:
-    """Returns the figure as PNG bytes, the same ones on every run, and closes it."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    plt.close(figure)
-    return buffer.getvalue()
+from .pictures import Picture, png
 
 
-def panels(draw: Callable[[Any], Figure], values: Sequence[Any], label: str) -> ipywidgets.VBox:
+def panels(
+    draw: Callable[[Any], Figure], values: Sequence[Any], label: str, *, alt: str = ""
+) -> ipywidgets.VBox:
     """Returns a slider over pictures drawn beforehand; it moves on the page, without a kernel.
 
     Args:
         draw: makes the figure for one value.
         values: four or five of them, in the order of the slider.
         label: what the values are, with the unit.
+        alt: what the pictures show, in words; each picture's own value is added.
     """
-    pictures = [ipywidgets.Image(value=png(draw(value)), format="png") for value in values]
-    for picture in pictures:
-        picture.layout.max_width = "100%"
+    pictures = []
+    for value in values:
+        text = f"{alt} ({label}: {value})" if alt else ""
+        pictures.append(_shown(Picture(png(draw(value)), text)))
     stack = ipywidgets.Stack(pictures, selected_index=0)
     slider = ipywidgets.SelectionSlider(
         options=[str(value) for value in values],
@@ -41,18 +37,21 @@ def panels(draw: Callable[[Any], Figure], values: Sequence[Any], label: str) -> 
     return ipywidgets.VBox([slider, stack])
 
 
-def live(draw: Callable[..., Figure], **sliders: ipywidgets.ValueWidget) -> ipywidgets.VBox:
+def live(
+    draw: Callable[..., Figure], *, alt: str = "", **sliders: ipywidgets.ValueWidget
+) -> ipywidgets.VBox:
     """Returns sliders over a picture that ``draw`` makes anew when one of them is let go.
 
     Args:
         draw: makes the figure from the sliders' values, by their names.
+        alt: what the picture shows, in words.
         sliders: ``horizon=ipywidgets.IntSlider(10, 2, 20)`` and the like.
     """
-    picture = ipywidgets.Image(format="png")
-    picture.layout.max_width = "100%"
+    picture = ipywidgets.HTML()
 
     def redraw(_change: object = None) -> None:
-        picture.value = png(draw(**{name: slider.value for name, slider in sliders.items()}))
+        figure = draw(**{name: slider.value for name, slider in sliders.items()})
+        picture.value = Picture(png(figure), alt).html
 
     for name, slider in sliders.items():
         slider.description = slider.description or name
@@ -61,6 +60,11 @@ def live(draw: Callable[..., Figure], **sliders: ipywidgets.ValueWidget) -> ipyw
         slider.observe(redraw, names="value")
     redraw()
     return ipywidgets.VBox([*sliders.values(), picture])
+
+
+def _shown(picture: Picture) -> ipywidgets.HTML:
+    """The picture as a widget: the Image of ipywidgets has no alternative text."""
+    return ipywidgets.HTML(picture.html)
 
 
 def stretch(slider: ipywidgets.ValueWidget) -> None:

@@ -1,41 +1,61 @@
-"""A chapter in JupyterLab: it opens as a notebook, runs, and its sliders compute."""
+"""Readers' notebooks in JupyterLab: they run, fold, show their own numbers; sliders compute."""
 
 import os
 import re
 import socket
 import subprocess
-import sys
 import time
 from pathlib import Path
 from urllib.request import urlopen
 
 import jupytext
 import pytest
+from plain import Plain
+from small_books import LESSON
+from stage import for_download
+
+import lab as readers
 
 ROOT = Path(__file__).parents[2]
-CHAPTER = ROOT / "book" / "03_mpc.py"
+CHAPTER = "03_mpc"
 HAS_RUN = re.compile(r"\[\d+\]:")
-ERROR = '[data-mime-type="application/vnd.jupyter.error"]'
+ERROR = '[data-mime-type="application/vnd.jupyter.stderr"]:has-text("Traceback")'
+ROLE = re.compile(r"\{[\w:-]+\}`|:::|\{(claim|cite|eq|term|eval)\b|<!--")
 
 playwright = pytest.importorskip("playwright.sync_api")
 
 
-@pytest.fixture
-def lab(browser, tmp_path):
-    """The address of a JupyterLab that serves a copy of the chapter and draws all its cells."""
-    jupytext.write(jupytext.read(CHAPTER), tmp_path / "chapter.ipynb")
+def small_lesson(**changes):
+    """A lesson as readers get it, "12" filled in for its number; with changes of a reader."""
+    notebook = jupytext.reads(LESSON, "py:percent")
+    rewrite = Plain(
+        "01_small",
+        lambda name: f'<span class="claim" title="{name}">12</span>',
+        readers.place,
+        {"eq-1-square": "1.1"},
+    )
+    notebook = for_download(notebook, rewrite)
+    for cell in notebook.cells:
+        for old, new in changes.items():
+            cell.source = cell.source.replace(old, new)
+    return notebook
+
+
+@pytest.fixture(scope="module")
+def lab(browser, tmp_path_factory):
+    """The address of a JupyterLab that serves a reader's folder and draws all cells."""
+    folder = tmp_path_factory.mktemp("readers")
+    readers.stage(folder / "nothing", folder)
+    readers.write(folder / "small.ipynb", small_lesson())
+    readers.write(folder / "changed.ipynb", small_lesson(**{"steps = 11": "steps = 5"}))
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    options = ["--no-browser", "--ip=127.0.0.1", f"--port={port}", "--allow-root"]
-    options += ["--IdentityProvider.token=", "--LabApp.news_url=None", "--ServerApp.port_retries=0"]
-    overrides = tmp_path / "CONFIG" / "labconfig" / "default_setting_overrides.json"
-    overrides.parent.mkdir(parents=True)
-    overrides.write_text('{"@jupyterlab/notebook-extension:tracker": {"windowingMode": "none"}}')
-    settings = {f"JUPYTER_{kind}_DIR": str(tmp_path / kind) for kind in ("CONFIG", "DATA")}
+    options = ["--no-browser", f"--port={port}", "--allow-root", "--IdentityProvider.token="]
+    settings = readers.settings(folder / "CONFIG") | {"JUPYTER_DATA_DIR": str(folder / "DATA")}
     server = subprocess.Popen(
-        [sys.executable, "-m", "jupyterlab", *options],
-        cwd=tmp_path,
+        readers.command(*options, "--ServerApp.port_retries=0"),
+        cwd=folder,
         env=os.environ | settings,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -60,20 +80,34 @@ def await_answer(address):
 
 
 @pytest.fixture
-def notebook(lab, page):
-    """The chapter in JupyterLab, after its cells have run: all of them, or up to an error."""
-    page.goto(f"{lab}/lab/tree/chapter.ipynb?reset")
-    page.locator(".jp-Notebook").wait_for(state="visible")
-    indicator = page.locator('.jp-NotebookPanel-toolbar [data-status="idle"]')
-    indicator.first.wait_for(state="visible")
-    dialog = page.locator(".jp-Dialog")  # where the kernel starts late, Lab asks for one, or twice
-    accept = dialog.locator(".jp-mod-accept").last
-    page.add_locator_handler(dialog, lambda: accept.click(), no_wait_after=True)
-    prompts = page.locator(".jp-CodeCell .jp-InputPrompt")
-    run_all(page, prompts.first)
-    ended = prompts.last.filter(has_text=HAS_RUN).or_(page.locator(ERROR))
-    ended.first.wait_for(state="attached", timeout=300_000)
-    return page
+def opened(lab, page):
+    """Opens a notebook of the folder in JupyterLab."""
+
+    def open_notebook(name):
+        page.goto(f"{lab}/lab/tree/{name}?reset")
+        page.locator(".jp-Notebook").wait_for(state="visible")
+        page.locator('.jp-NotebookPanel-toolbar [data-status="idle"]').first.wait_for()
+        return page
+
+    return open_notebook
+
+
+@pytest.fixture
+def run(opened):
+    """Opens one and runs its cells: all of them, or up to an error."""
+
+    def run_notebook(name):
+        page = opened(name)
+        dialog = page.locator(".jp-Dialog")  # where the kernel starts late, Lab asks for one
+        accept = dialog.locator(".jp-mod-accept").last
+        page.add_locator_handler(dialog, lambda: accept.click(), no_wait_after=True)
+        prompts = page.locator(".jp-CodeCell .jp-InputArea-prompt")
+        run_all(page, prompts.first)
+        ended = prompts.last.filter(has_text=HAS_RUN).or_(page.locator(ERROR))
+        ended.first.wait_for(state="attached", timeout=300_000)
+        return page
+
+    return run_notebook
 
 
 def run_all(page, prompt):
@@ -88,10 +122,16 @@ def run_all(page, prompt):
     pytest.fail("JupyterLab did not run the cells")
 
 
+def text(page):
+    """The text of the notebook's Markdown cells, as it is rendered."""
+    return "\n".join(page.locator(".jp-MarkdownCell .jp-RenderedMarkdown").all_inner_texts())
+
+
 @pytest.mark.timeout(480)
-def test_a_chapter_runs_in_jupyterlab_and_its_sliders_redraw_the_figures(notebook):
-    assert notebook.locator(ERROR).all_inner_texts() == []
-    boxes = notebook.locator(".jp-OutputArea-output:has(.noUi-handle)")
+def test_a_chapter_runs_in_jupyterlab_and_its_sliders_redraw_the_figures(run):
+    page = run(f"1_lessons/{CHAPTER}.ipynb")
+    assert page.locator(ERROR).all_inner_texts() == []
+    boxes = page.locator(".jp-OutputArea-output:has(.noUi-handle)")
     assert boxes.count() > 0
     for box in boxes.all():
         box.scroll_into_view_if_needed()
@@ -99,3 +139,40 @@ def test_a_chapter_runs_in_jupyterlab_and_its_sliders_redraw_the_figures(noteboo
         before = picture.get_attribute("src")
         box.locator(".noUi-handle").first.press("ArrowRight")
         playwright.expect(picture).not_to_have_attribute("src", before, timeout=30_000)
+
+
+@pytest.mark.timeout(480)
+def test_a_lesson_reads_as_on_the_page(run):
+    page = run("small.ipynb")
+    playwright.expect(page.locator("span.claim").first).to_have_text("11")
+    words = text(page)
+    assert not ROLE.search(words)
+    assert "It takes 11 steps (Li and Todorov, 2004), by (1.1) and another." in words
+    playwright.expect(page.locator(".jp-MathJax-CHTML, mjx-container").first).to_be_visible()
+
+
+@pytest.mark.timeout(480)
+def test_code_claims_and_answers_are_folded_and_an_answer_opens_by_one_click(run):
+    page = run("small.ipynb")
+    shown = page.locator(".jp-CodeCell:not(.lm-mod-hidden) .jp-InputArea:visible")
+    assert "linspace" in shown.all_inner_texts()[0]
+    claims = page.locator(".lite-hold:visible")
+    playwright.expect(claims).to_have_text(["1 claim holds"])
+    assert page.get_by_text("equal to 11").is_hidden()
+    answer = page.locator(".jp-RenderedMarkdown").get_by_text("It is below it: yes.")
+    assert answer.is_hidden()
+    page.locator(".lite-button strong").click()
+    playwright.expect(answer).to_be_visible()
+    playwright.expect(page.get_by_text("tensor(")).to_be_visible()
+    page.locator(".lite-button strong").click()
+    playwright.expect(answer).to_be_hidden()
+
+
+@pytest.mark.timeout(480)
+def test_a_readers_own_number_is_in_the_text_and_says_where_it_is_not_as_claimed(run):
+    page = run("changed.ipynb")
+    number = page.locator("span.claim").first
+    playwright.expect(number).to_have_text("5")
+    playwright.expect(number).to_have_class(re.compile("lite-fails"))
+    playwright.expect(page.locator(ERROR).filter(has_text="claimed: equal to 11")).to_be_visible()
+    playwright.expect(page.locator(".jupyter-widgets img.picture")).to_be_visible()  # ran on

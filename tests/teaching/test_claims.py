@@ -1,6 +1,7 @@
 """A claim shows and records what holds, and stops the cell at what does not."""
 
 import math
+import re
 import subprocess
 import sys
 
@@ -62,7 +63,7 @@ def test_a_claim_that_holds_prints_its_line(value, bounds, capsys):
 def test_a_claim_that_does_not_hold_raises(value, bounds, capsys):
     with pytest.raises(AssertionError, match="claim does not hold: number = "):
         claim("number", value, **bounds)
-    assert capsys.readouterr().out == ""
+    assert re.match("`number` = .*, claimed: ", capsys.readouterr().out)
 
 
 def test_the_error_says_what_came_and_what_was_claimed():
@@ -134,6 +135,19 @@ def test_a_notebook_shows_the_line_of_a_claim():
 def test_a_claim_that_does_not_hold_stops_the_notebook():
     with pytest.raises(CellExecutionError, match="claim does not hold: a = 2 ; claimed: below 1"):
         executed("claim('a', 2, below=1)")
+
+
+def test_a_reader_who_changed_something_sees_the_number_that_came_beside_the_claim():
+    cell = nbformat.v4.new_code_cell(
+        "from pypose_lite.teaching.claims import claim\nclaim('a', 2, below=1)",
+        metadata={"tags": ["raises-exception"]},
+    )
+    notebook = nbformat.v4.new_notebook(cells=[cell])
+    NotebookClient(notebook, timeout=60, kernel_name="python3").execute()
+    shown, error = notebook.cells[0].outputs
+    assert shown.data["text/markdown"] == "✗ `a` = 2, claimed: below 1"
+    assert claims_in(notebook) == [Claim("a", 2, "below 1", cell=1, holds=False)]
+    assert error.ename == "AssertionError"
 
 
 def test_claims_need_neither_ipython_nor_a_notebook():

@@ -15,6 +15,34 @@ ANGLES = torch.linspace(0, 2 * math.pi, 9)
 CIRCLE = torch.stack([ANGLES.cos(), ANGLES.sin(), -ANGLES.sin(), ANGLES.cos()], dim=-1)
 
 
+def test_a_figure_is_shown_with_its_alternative_text_and_closed(monkeypatch):
+    shown = []
+    monkeypatch.setattr(plotting, "display", shown.append)
+    figure, ax = plt.subplots(figsize=(2, 1))
+    plotting.show(figure, 'A line that says "no".\n  It falls.')
+    [picture] = shown
+    html = picture._repr_mimebundle_()["text/html"]
+    assert (
+        '<img class="picture" alt="A line that says &quot;no&quot;. It falls." src="data:' in html
+    )
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("alt", ["", " \n"])
+def test_a_figure_without_an_alternative_text_is_refused(alt):
+    figure, ax = plt.subplots()
+    with pytest.raises(ValueError, match="alt: expected a sentence that says what"):
+        plotting.show(figure, alt)
+    plt.close(figure)
+
+
+def test_stacked_panels_are_each_as_wide_as_the_page():
+    figure, axes = plotting.stacked(3, height=2, sharex=True)
+    assert tuple(figure.get_size_inches()) == (7, 6)
+    assert len(axes) == 3 and axes[0].get_shared_x_axes().joined(axes[0], axes[2])
+    plt.close(figure)
+
+
 @pytest.fixture
 def ax():
     with matplotlib.rc_context():

@@ -10,7 +10,6 @@ from pypose_lite.teaching.proofread import (
     figures_without_claim,
     long_cells,
     measured_numbers,
-    number_of_cells,
     wide_lines,
 )
 
@@ -179,31 +178,7 @@ def test_a_line_of_code_may_have_86_columns_and_a_line_of_text_more():
     assert list(wide_lines(notebook("word " * 40))) == []
 
 
-@pytest.mark.parametrize(
-    ("cells", "mend"), [(13, "show more of the steps"), (21, "join some, or leave some out")]
-)
-def test_a_chapter_with_too_few_or_too_many_code_cells_is_found(cells, mend):
-    text = program(*["i = 1"] * cells)
-    expected = f"a chapter has 14 to 20 code cells, this one {cells}: {mend}"
-    assert complaints(text, "03_mpc.py") == list(number_of_cells(text)) == [expected]
-
-
-@pytest.mark.parametrize("cells", [14, 20])
-def test_a_chapter_may_have_14_to_20_code_cells(cells):
-    text = program(*["i = 1"] * (cells - 1), "", " \n")
-    text.cells += program("i = 1", tags=["hide-input"]).cells
-    text.cells += program("live", "live", tags=["remove-cell"]).cells
-    text.cells.insert(0, new.new_markdown_cell("# One"))
-    assert complaints(text, "03_mpc.py") == []
-
-
-@pytest.mark.parametrize("name", [None, "index.py", "a_tutorial.py", "3d.py"])
-def test_a_notebook_that_is_no_chapter_has_as_many_cells_as_it_likes(name):
-    assert complaints(program("i = 1"), *filter(None, [name])) == []
-
-
 def test_all_rules_are_applied():
     text = notebook("# 0.21 m {claim}`b`", [PICTURE], "# Two", [claimed("a"), claimed("a")])
     text.cells.append(new.new_code_cell("i = 1\n" * 20 + 87 * "j"))
     assert len(complaints(text)) == 6
-    assert len(complaints(text, "03_mpc.py")) == 7

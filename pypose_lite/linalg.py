@@ -16,3 +16,8 @@ def bvv(lvec: Tensor, rvec: Tensor) -> Tensor:
 def bvmv(lvec: Tensor, mat: Tensor, rvec: Tensor) -> Tensor:
     """Batched vector times matrix times vector: ``(..., n), (..., n, m), (..., m) -> (...)``."""
     return bvv(lvec, bmv(mat, rvec))
+
+
+def symmetric(mat: Tensor) -> Tensor:
+    """Returns the symmetric part of ``(..., n, n)``, exactly symmetric."""
+    return (mat + mat.mT) / 2

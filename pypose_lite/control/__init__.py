@@ -3,8 +3,8 @@
 Chapters 2 and 3 build it; chapter 8 differentiates it. Read `riccati`, then `sweep`, then `ilqr`.
 """
 
+from .dlqr import dlqr
 from .lqr import LQR
 from .mpc import MPC, Plan, shift
-from .riccati import dlqr
 
 __all__ = ["LQR", "MPC", "Plan", "dlqr", "shift"]

@@ -8,22 +8,24 @@ import warnings
 import torch
 from torch import Tensor
 
+from ..shapes import has_numbers
 from ..systems import LTI
+from .arguments import OptimalControl
 from .gradient import differentiable
-from .ilqr import optimize, refuse_divergence
-from .problem import OptimalControl, Problem, rollout
-from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
-from .sweep import follow, model
+from .ilqr import optimize
+from .problem import Problem, refuse_divergence, rollout
+from .sweep import follow, regulator
 
 
 class LQR(OptimalControl):
     """Returns the states, inputs and cost that minimise a quadratic cost; Q, p are weights.
 
-        J = sum_t 1/2 z_t' Q_t z_t + p_t' z_t,    z = [x, u],    t = 0 .. T-1
+        J = sum_t 1/2 (z_t - r)' Q_t (z_t - r) + p_t' z_t + 1/2 (x_T - r)' Qf (x_T - r) + pf' x_T
 
-    A linear system is solved exactly. Around a nonlinear one this is one Gauss-Newton sweep from
-    ``u_traj``, returned with the states it really leads to. With bounds, sweeps go on until they
-    hold and nothing better is left. The plan starts at the system's current time.
+    with ``z = [x, u]`` and t = 0 .. T-1. A linear system is solved exactly. Around a nonlinear one
+    this is one Gauss-Newton sweep from ``u_traj``, returned with the states it really leads to.
+    With bounds, sweeps go on until they hold and nothing better is left. The plan starts at the
+    system's current time.
 
     See :class:`OptimalControl` for the arguments of the constructor.
 
@@ -31,9 +33,19 @@ class LQR(OptimalControl):
     the signature is PyPose's.
     """
 
-    start = "u_traj"
+    inputs = "u_traj"
 
-    def forward(self, x_init, dt=None, u_traj=None, u_lower=None, u_upper=None, du=None):
+    def forward(
+        self,
+        x_init,
+        dt=None,
+        u_traj=None,
+        u_lower=None,
+        u_upper=None,
+        du=None,
+        target=None,
+        u_target=None,
+    ):
         """Returns ``x (..., T+1, n)``, ``u (..., T, m)`` and ``cost (...)``.
 
         Args:
@@ -44,20 +56,22 @@ class LQR(OptimalControl):
             u_lower: lower bound of u: a number, ``(m,)`` or ``(..., T, m)``; may be infinite.
             u_upper: upper bound of u.
             du: how far u may move from ``u_traj``.
+            target: the r of states, ``(..., n)`` or one for each step, ``(..., T, n)``; zero
+                where None.
+            u_target: the r of inputs, ``(..., m)`` or ``(..., T, m)``; zero where None.
 
         Raises:
             ValueError: for arguments that do not fit, a rollout that diverges, or a cost that has
                 no minimum.
         """
-        problem, x_init, U, graph = self._pose(x_init, dt, u_traj, u_lower, u_upper, du)
-        U = problem.clip(U)
+        problem, x_init, U, graph = self._state(
+            x_init, dt, u_traj, u_lower, u_upper, du, target, u_target
+        )
+        U = problem.clamp(U)
         if problem.box(U) is None:
-            X, U = _nominal(problem, x_init, U)
-            X, U = follow(problem, x_init, X, U, _gains(problem, X, U))
-            cost = problem.cost(X, U)
-            refuse_divergence(X, cost)
+            X, U, cost = _regulate(problem, x_init, U)
         else:
-            problem = problem.near(U)
+            problem = problem.within_du_of(U)
             solution = optimize(problem, x_init, U)
             if not solution.converged.all():
                 warnings.warn("the bounded plan has not converged in 200 sweeps", stacklevel=2)
@@ -66,15 +80,43 @@ class LQR(OptimalControl):
             X, U, cost = solution.X, solution.U, solution.cost
         return X.movedim(0, -2), U.movedim(0, -2), cost
 
-    def lqr_backward(self, x_init, dt=None, u_traj=None) -> tuple[Tensor, Tensor]:
+    def lqr_backward(
+        self, x_init, dt=None, u_traj=None, target=None, u_target=None
+    ) -> tuple[Tensor, Tensor]:
         """Returns the gains ``K (..., T, m, n)`` and ``k (..., T, m)`` around ``u_traj``.
 
         The plan is ``u = u_traj + K (x - x_traj) + k``, where ``x_traj`` follows from ``u_traj``;
         for a linear system ``x_traj`` and ``u_traj`` are zero, so that ``u = K x + k``.
         """
-        problem, x_init, U, _ = self._pose(x_init, dt, u_traj, None, None, None)
-        gains = _gains(problem, *_nominal(problem, x_init, U)).movedim(0, -3)
-        return gains[..., :-1], gains[..., -1]
+        stated = self._state(x_init, dt, u_traj, None, None, None, target, u_target)
+        X, U = _nominal(stated.problem, stated.x_init, stated.U)
+        K, k = _gains(stated.problem, X, U)
+        return K.movedim(0, -3), k.movedim(0, -2)
+
+
+def _regulate(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns states, inputs and cost of one sweep without bounds."""
+    X, U = _nominal(problem, x_init, U)
+    new = follow(problem, x_init, X, U, *_gains(problem, X, U))
+    swamped = _swamped(X, new[0])
+    if has_numbers(swamped) and swamped.any():
+        still = x_init.expand(X.shape)
+        X = torch.where(swamped[..., None], still, X)
+        new = follow(problem, x_init, X, U, *_gains(problem, X, U))
+    cost = problem.cost(*new)
+    refuse_divergence(new[0], cost)
+    return *new, cost
+
+
+def _swamped(X: Tensor, new: Tensor) -> Tensor:
+    """Returns whether states to linearise around are so large that the plan drowns in rounding.
+
+    A rollout on an unstable system explodes. The plan that stays near it in exact arithmetic is
+    then the small difference of huge numbers: the regulator is found around x_init instead.
+    """
+    most = torch.finfo(X.dtype).eps ** -(1 / 3)
+    size, useful = (z.detach().abs().amax((0, -1)) for z in (X, new))
+    return ~(size <= most * useful.clamp(min=torch.finfo(X.dtype).tiny))
 
 
 def _nominal(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
@@ -83,16 +125,14 @@ def _nominal(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tenso
         zeros = x_init.new_zeros(len(problem.t) + 1, *x_init.shape)
         return zeros, torch.zeros_like(U)
     X = rollout(problem, x_init, U)
-    refuse_divergence(X, problem.cost(X, U))
-    return X, U
+    lost = ~torch.isfinite(X).all(0).all(-1)
+    return torch.where(lost[..., None], x_init, X), U
 
 
-def _gains(problem: Problem, X: Tensor, U: Tensor) -> Tensor:
-    """Returns ``K (T, ..., m, n+1)`` around states that need not follow from the inputs."""
-    f, A, B, q, Q, _ = model(problem, X[:-1], U, problem.times(U))
-    G = homogeneous_dynamics(A, B, f - X[1:])
-    K, _, failed = riccati(homogeneous_cost(Q, q), G)
-    if failed.any():
+def _gains(problem: Problem, X: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns the regulator's gains; ValueError where the cost has no minimum."""
+    K, k, failed = regulator(problem, X, U)
+    if has_numbers(failed) and failed.any():
         step = int(failed.reshape(len(failed), -1).any(-1).nonzero()[-1])
         raise ValueError(f"Q: the cost has no minimum, its curvature in u is not > 0 at t={step}")
-    return K
+    return K, k

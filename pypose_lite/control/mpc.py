@@ -1,19 +1,20 @@
 """Model predictive control: plan T steps ahead, take the first, plan again.
 
-Chapter 3 builds it; a sweep is in `sweeps.py`, all of them in `ilqr.py`, the gradient in
-`implicit.py`.
+Chapter 3 builds it. `arguments.py` states the problem, `ilqr.py` repeats the sweeps of `sweep.py`,
+each sweep is a Riccati pass (`riccati.py`), and `gradient.py` differentiates the plan.
 """
 
 import copy
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from .arguments import OptimalControl
 from .gradient import differentiable
-from .ilqr import optimize
-from .problem import OptimalControl
+from .ilqr import SWEEPS, optimize
 
 
 class Plan(NamedTuple):
@@ -30,10 +31,11 @@ class Plan(NamedTuple):
 class MPC(OptimalControl):
     """Returns the best states and inputs for the next T steps of any system; Q, p are weights.
 
-        J = sum_t 1/2 (z_t - r)' Q_t (z_t - r) + p_t' z_t,    z = [x, u],    r = [target, 0]
+        J = sum_t 1/2 (z_t - r)' Q_t (z_t - r) + p_t' z_t + 1/2 (x_T - r)' Qf (x_T - r) + pf' x_T
 
-    It keeps nothing between calls. Gradients of the plan are exact, by the implicit function
-    theorem, where it has converged; where it has not, a warning says so.
+    with ``z = [x, u]`` and ``r = [target, u_target]``. It keeps nothing between calls. Gradients of
+    the plan are exact, by the implicit function theorem, where it has converged; where it has not,
+    a warning says so.
 
     Args:
         system: any :class:`System`; its clock says when a plan starts.
@@ -43,47 +45,75 @@ class MPC(OptimalControl):
         stepper: says when sweeps may stop early, such as ``utils.ReduceToBason(steps=10)``; it is
             told the cost that the latest sweep hoped to gain, and stays as it was. None goes on
             until the plan has converged, for 200 sweeps at most.
+        Qf: weights of the state after the last step, or None; see :class:`OptimalControl`.
+        pf: its linear weights, or None.
 
     Source: "PyPose v0.6", section III-B; Li, Todorov, "Iterative linear quadratic regulator
     design for nonlinear biological movement systems" (2004).
     """
 
-    def __init__(self, system, Q, p, T, stepper=None):
-        super().__init__(system, Q, p, T)
+    def __init__(self, system, Q, p, T, stepper=None, Qf=None, pf=None):
+        super().__init__(system, Q, p, T, Qf, pf)
         self.stepper = stepper
         self._optimize: Callable = optimize
 
     def forward(
-        self, dt, x_init, target=None, u_init=None, u_lower=None, u_upper=None, du=None
+        self,
+        dt,
+        x_init,
+        target=None,
+        u_init=None,
+        u_lower=None,
+        u_upper=None,
+        du=None,
+        u_target=None,
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Returns ``x (..., T+1, n)``, ``u (..., T, m)`` and ``cost (...)``; see :meth:`solve`."""
-        return self.solve(dt, x_init, target, u_init, u_lower, u_upper, du)[:3]
+        return self.solve(dt, x_init, target, u_init, u_lower, u_upper, du, u_target)[:3]
 
     def solve(
-        self, dt, x_init, target=None, u_init=None, u_lower=None, u_upper=None, du=None
+        self,
+        dt,
+        x_init,
+        target=None,
+        u_init=None,
+        u_lower=None,
+        u_upper=None,
+        du=None,
+        u_target=None,
     ) -> Plan:
         """Returns the plan, and whether and how it converged.
+
+        Warns where 200 sweeps were not enough; a stepper may end them earlier without a word.
 
         Args:
             dt: seconds a step takes; only compared with that of a system that states its own,
                 since time is counted in steps.
             x_init: ``(..., n)``.
             target: the state to reach, ``(..., n)``, or one for each step: a dimension more than
-                x_init, ``(..., T, n)``.
+                x_init, ``(..., T, n)``, or ``(..., T+1, n)`` with that of the last state.
             u_init: inputs to start from, ``(..., T, m)``, such as :func:`shift` of the last plan.
             u_lower: lower bound of u: a number, ``(m,)`` or ``(..., T, m)``; may be infinite.
             u_upper: upper bound of u.
             du: how far one sweep may change u.
+            u_target: what the inputs should be, such as the thrust that hovers: ``(..., m)`` or
+                ``(..., T, m)``; zero where None.
 
         Raises:
             ValueError: for arguments that do not fit, or a rollout of u_init that diverges.
         """
-        problem, x_init, U, graph = self._pose(x_init, dt, u_init, u_lower, u_upper, du, target)
+        problem, x_init, U, graph = self._state(
+            x_init, dt, u_init, u_lower, u_upper, du, target, u_target
+        )
         solution = self._optimize(problem, x_init, U, self._fresh_stepper())
         if graph and torch.is_grad_enabled():
             solution = differentiable(problem, x_init, solution)
-        X, U, *rest = solution
-        return Plan(X.movedim(0, -2), U.movedim(0, -2), *rest)
+        elif not solution.converged.all() and (solution.iterations >= SWEEPS).any():
+            count = int((~solution.converged).sum())
+            warnings.warn(f"{count} plans have not converged in {SWEEPS} sweeps", stacklevel=2)
+        X, U, cost = solution.X, solution.U, solution.cost
+        rest = solution.converged, solution.iterations, solution.history
+        return Plan(X.movedim(0, -2), U.movedim(0, -2), cost, *rest)
 
     def compile(self, **options) -> None:
         """Makes later solves faster: their sweeps are compiled when they first run.

@@ -1,121 +1,167 @@
-"""One sweep of iterative LQR: a model around a plan, the best gains for it, a walk along them.
+"""One sweep of iterative LQR: a model along a plan, the best gains for it, a walk along them.
 
-Sequences have time first, ``(T, ..., n)``. Chapter 3 builds the sweep; `ilqr.py` repeats it.
+The order and the letters are those of the sweep that chapter 3 writes by hand. `ilqr.py` repeats
+it, and `verdict.py` says what follows from how it went. Sequences have time first, ``(T, ..., n)``.
 """
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ..linalg import bmv
+from .iterate import Iterate
 from .problem import Problem
-from .riccati import homogeneous_cost, homogeneous_dynamics, riccati
+from .riccati import riccati
 
-SHORTER = torch.tensor([0.5, 0.2, 0.05])  # lengths, tried where the full one does not help
+SHORTER = (0.5, 0.2, 0.05)  # step lengths, tried where the full one does not help
 
 
-def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
-    """Returns ``f, A, B``, the slope ``q`` and curvature ``Q`` of the cost around a plan, and None.
+class Sweep(NamedTuple):
+    """Where a sweep has led, and what it had hoped for."""
 
-    Of one step, or of all: x, u, t and the problem's tensors are those of the same steps.
+    X: Tensor  # states, (T+1, ..., n)
+    U: Tensor  # inputs, (T, ..., m)
+    K: Tensor  # gains, (T, ..., m, n)
+    cost: Tensor  # of the new plan, (...)
+    change: Tensor  # of the cost, as the model promised it, <= 0
+    size: Tensor  # of the proposed change of U, relative to U
+    failed: Tensor  # whether the model had no minimum: then nothing moves
+    helped: Tensor  # whether the new plan is better
+
+
+def sweep(problem: Problem, at: Iterate, newton: bool) -> Sweep:
+    """Returns where one sweep from the plan ``at`` leads.
+
+    Args:
+        problem: its tensors have a batch dimension for each of the plan's.
+        at: the plan to improve.
+        newton: whether the members of which ``at.exact`` is True get Newton's model of the
+            dynamics; the others always get Gauss-Newton's.
     """
-    return *problem.system.linearize_transition(x, u, t), *problem.expand_cost(x, u), None
+    A, B, q, Q = model(problem, at, newton)  # 1. a model along the plan
+    last = problem.last_cost_to_go(at.X)  # 2. Riccati, from the end
+    K, k, change, failed = riccati(last, Q, q, A, B, problem.box(at.U))
+    failed = failed.any(0)
+    K = torch.where(failed[..., None, None], at.K, K)
+    k = torch.where(failed[..., None], 0, k)
+    change = torch.where(failed, 0, change)
+    X, U, cost, helped = line_search(problem, at, K, k, change)  # 3. along the gains
+    size = k.abs().amax((0, -1)) / (1 + at.U.abs().amax((0, -1)))
+    return Sweep(X, U, K, cost, change, size, failed, helped)
 
 
-def newton_model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
-    """Returns :func:`model`, without a graph; its last result says what the dynamics add to Q.
+def model(problem: Problem, at: Iterate, newton: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Returns the dynamics ``A, B`` along a plan, and slope q and curvature Q of each step's cost.
 
-    It is a function of the costates ``l (..., n)`` and makes Newton's model of Gauss-Newton's:
+    Gauss-Newton takes f as linear. Newton adds its curvature, weighed by the costates ``l_t+1``,
+    which say what a change of the next state does to the cost that is still to come:
 
-        l_t = dc_t/dx + A_t' l_t+1                                    (1)
-        sum_i l_t+1,i  d2 f_i / d[u, x]2                              (2)
+        Q_t = Q_t + sum_i l_t+1,i  d2 f_i / dz2                       (1)
+
+    ``at.damping`` is added to the curvature in u (Levenberg, Marquardt).
     """
-    f, A, B, curve = problem.system.expand_transition(x, u, t)
-    m = u.shape[-1]
-    return f, A, B, *problem.expand_cost(x, u), lambda l: curve(l).roll((m, m), (-2, -1))  # (2)
+    x, t = at.X[:-1], problem.times(at.U)
+    q, Q = problem.expand_cost(at.X, at.U)
+    if newton:
+        _, A, B, curvature = problem.system.expand_transition(x, at.U, t)
+        l = costates(problem, at.X, A, B, q, at.K)
+        Q = Q + torch.where(at.exact[..., None, None], curvature(l), 0)  # (1)
+    else:
+        _, A, B = problem.system.linearize_transition(x, at.U, t)
+    on_u = torch.arange(Q.shape[-1], device=Q.device) >= at.X.shape[-1]
+    return A, B, q, Q + torch.diag_embed(at.damping[..., None] * on_u)
 
 
-def costates(A: Tensor, q: Tensor) -> Tensor:
-    """Returns ``l_1 .. l_T (T, ..., n)``: what the cost to come gains by a change of x_t+1."""
+def costates(problem: Problem, X: Tensor, A: Tensor, B: Tensor, q: Tensor, K: Tensor) -> Tensor:
+    """Returns ``l_1 .. l_T (T, ..., n)``: how the cost to come changes with each state.
+
+    The inputs react by ``K (x - X)``, as they do when the plan is driven. On an unstable system
+    the same recursion without K would grow beyond all bounds; at a solution, where the cost has no
+    slope in the inputs that may react, both are the same.
+
+        l_t = q_x + K' q_u + (A + B K)' l_t+1                         (1)
+    """
     n = A.shape[-1]
-    l = [torch.zeros_like(A[0, ..., 0] + q[0, ..., -n:])]
+    l = [problem.last_cost_to_go(X).v]
     for t in reversed(range(1, len(A))):
-        l.append(q[t, ..., -n:] + bmv(A[t].mT, l[-1]))  # (1)
-    return torch.stack(l[::-1])
+        own = q[t, ..., :n] + bmv(K[t].mT, q[t, ..., n:])
+        l.append(own + bmv((A[t] + B[t] @ K[t]).mT, l[-1]))  # (1)
+    return torch.stack(torch.broadcast_tensors(*reversed(l)))
 
 
-def sweep(problem: Problem, X: Tensor, U: Tensor, damping: Tensor, exact: Tensor | None):
-    """Returns gains ``(T, ..., m, n+1)``, the change of cost that they promise, what failed.
+def line_search(
+    problem: Problem, at: Iterate, K: Tensor, k: Tensor, change: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Returns states, inputs and cost after one step along the gains, and whether it helped.
 
-    Where ``exact (...)`` is True the model is Newton's, else Gauss-Newton's. A model without a
-    minimum has failed. ``damping (...)`` is added to its curvature in u (Levenberg, Marquardt).
+    The full step is taken where it keeps a small part of the change that was promised, else the
+    best of several shorter ones, else none.
     """
-    x, m, t = X[:-1], U.shape[-1], problem.times(U)
-    _, A, B, q, Q, curve = (model if exact is None else newton_model)(problem, x, U, t)
-    if exact is not None:
-        Q = Q + torch.where(exact[..., None, None], curve(costates(A, q)), 0)
-    on_u = torch.arange(Q.shape[-1], device=Q.device) < m
-    Q = Q + torch.diag_embed(damping[..., None] * on_u)
-    K, V, failed = riccati(homogeneous_cost(Q, q), homogeneous_dynamics(A, B), problem.box(U))
-    return K, V[..., -1, -1] / 2, failed.any(0)
+    rounding = 8 * torch.finfo(at.cost.dtype).eps * at.cost.abs()
+    X, U, cost = _driven(problem, at, K, k)
+    helped = cost <= at.cost + torch.maximum(1e-4 * change, -rounding) + rounding
+    if not helped.all():
+        tries = [_driven(problem, at, K, length * k) for length in SHORTER]
+        best = _cheapest([(at.X, at.U, at.cost), *tries])
+        X, U, cost = _choose(helped, (X, U, cost), best)
+        helped = helped | (best[2] < at.cost)
+    return X, U, cost, helped
 
 
-def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Tensor | None = None):
-    """Returns states and inputs of ``u = U + k + K (x - X)``, kept within the box.
-
-    Several ``steps (S,)`` scale k and are tried at once; they add a dimension after time.
-    """
-    limits: list[Tensor] = list(problem.limits(U) or ())
-    t = problem.times(U)
-    if steps is not None:
-        X, U, K, t, *limits = (z.unsqueeze(1) for z in (X, U, K, t, *limits))
-        x_init = x_init.expand(steps.shape[0], *x_init.shape)
-        steps = steps.reshape(-1, *[1] * (U.ndim - 2))
-    k, K = K[..., -1], K[..., :-1]
-    aim = U + (k if steps is None else steps * k)
-
+def follow(
+    problem: Problem, x_init: Tensor, X: Tensor, U: Tensor, K: Tensor, k: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Returns the states and the inputs of ``u = U + k + K (x - X)``, kept within the bounds."""
+    bounds = problem.bounds(U)
     x, states, inputs = x_init, [x_init], []
-    for i in range(len(aim)):
-        u = aim[i] + bmv(K[i], x - X[i])
-        u = torch.clamp(u, *(limit[i] for limit in limits)) if limits else u
-        x = problem.system.transition(x, u, t[i].reshape(()))
+    for i, t in enumerate(problem.t):
+        u = U[i] + k[i] + bmv(K[i], x - X[i])
+        u = u if bounds is None else torch.clamp(u, bounds[0][i], bounds[1][i])
+        x = problem.system.transition(x, u, t)
         states.append(x)
         inputs.append(u)
-    return torch.stack(states), torch.stack(inputs)
+    return torch.stack(torch.broadcast_tensors(*states)), torch.stack(inputs)
 
 
-def search(problem: Problem, X, U, cost: Tensor, K: Tensor, promised: Tensor):
-    """Returns the trajectory after one step along the gains, its cost, and whether it helped.
+def regulator(problem: Problem, X: Tensor, U: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns the gains K and k of the LQR around states that need not follow from the inputs.
 
-    The full step is taken where it keeps a small part of its promise; else the best of several
-    shorter ones; else none. They are tried where the full one does not help, or always while torch
-    compiles, as that cannot look. With ``step (...)`` only that length is tried.
+    Third comes where there are none, ``(T, ...)``. Gauss-Newton's model, differentiable.
     """
-    rounding = 8 * torch.finfo(cost.dtype).eps * cost.abs()
-    full = follow(problem, X[0], X, U, K)
-    new = (*full, _or_infinite(problem.cost(*full)))
-    helped = new[-1] <= cost + torch.maximum(1e-4 * promised, -rounding) + rounding
-    if not helped.all():
-        best = _best(problem, *follow(problem, X[0], X, U, K, SHORTER.to(U)))
-        new = _where(helped, new, best)
-        helped = helped | (best[-1] < cost)
-    return (*_where(helped, new, (X, U, cost)), helped)
+    f, A, B = problem.system.linearize_transition(X[:-1], U, problem.times(U))
+    q, Q = problem.expand_cost(X, U)
+    last = problem.last_cost_to_go(X)
+    K, k, _, failed = riccati(last, Q, q, A, B, problem.box(U), defects=f - X[1:])
+    return K, k, failed
 
 
-def _best(problem: Problem, Xs: Tensor, Us: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the cheapest of trajectories ``(T+1, S, ..., n)``, and its cost."""
-    costs = torch.stack([problem.cost(Xs[:, i], Us[:, i]) for i in range(Xs.shape[1])])
-    cost, best = _or_infinite(costs).min(0)
-    pick = best.expand(1, 1, *best.shape)[..., None]
-    return Xs.take_along_dim(pick, 1)[:, 0], Us.take_along_dim(pick, 1)[:, 0], cost
+def regulated(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
+    """Returns states and inputs that the regulator around standing still at x_init leads to.
+
+    They stay bounded where the rollout of U explodes, as on an unstable system.
+    """
+    X = x_init.expand(len(U) + 1, *x_init.shape)
+    K, k, _ = regulator(problem, X, U)
+    return follow(problem, x_init, X, U, K, k)
 
 
-def _where(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns states, inputs and cost of one or the other plan for each member of a batch."""
+def _driven(problem: Problem, at: Iterate, K: Tensor, k: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns states, inputs and cost along the gains; a cost that is not finite is infinite."""
+    X, U = follow(problem, at.X[0], at.X, at.U, K, k)
+    return X, U, problem.cost(X, U).nan_to_num(torch.inf, torch.inf, torch.inf)
+
+
+def _cheapest(plans: list[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns the states, inputs and cost of the cheapest plan, for each member of a batch."""
+    best = plans[0]
+    for plan in plans[1:]:
+        best = _choose(plan[2] < best[2], plan, best)
+    return best
+
+
+def _choose(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns states, inputs and cost of one or the other plan, for each member of a batch."""
     masks = mask[..., None], mask[..., None], mask
     X, U, cost = (torch.where(*choice) for choice in zip(masks, these, those))
     return X, U, cost
-
-
-def _or_infinite(cost: Tensor) -> Tensor:
-    """Returns a cost that no plan can prefer where it is not finite."""
-    return cost.nan_to_num(torch.inf, torch.inf, torch.inf)

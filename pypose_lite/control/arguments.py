@@ -46,6 +46,7 @@ class OptimalControl(nn.Module):
     p: Tensor | None
     Qf: Tensor | None
     pf: Tensor | None
+    T: int
     inputs = "u_init"  # what the call's inputs to start from are called
 
     def __init__(self, system: System, Q: Tensor, p: Tensor | None, T: int, Qf=None, pf=None):
@@ -112,13 +113,14 @@ def check_dt(system: System, dt) -> None:
     """Raises ValueError where dt is not the time step that the system itself states."""
     if dt is None:
         return
-    if isinstance(dt, Tensor) and dt.numel() != 1:
+    if getattr(dt, "shape", None) and math.prod(dt.shape) != 1:
         raise ValueError(f"dt: expected one time step for all, got shape {tuple(dt.shape)}")
-    if not isinstance(dt, Real | Tensor) or not dt > 0:
+    seconds = dt.item() if hasattr(dt, "item") else dt
+    if not isinstance(seconds, Real) or not seconds > 0:
         raise ValueError(f"dt: expected a positive time step, got {dt!r}")
     own = getattr(system, "dt", None)
-    if isinstance(own, float | int) and not math.isclose(own, dt, rel_tol=1e-6):
-        raise ValueError(f"dt: the system steps by {own}, got {dt}")
+    if isinstance(own, float | int) and not math.isclose(own, seconds, rel_tol=1e-6):
+        raise ValueError(f"dt: the system steps by {own}, got {seconds:.6g}")
 
 
 def _references(target, u_target, x_init: Tensor, m: int, T: int) -> tuple[Tensor, Tensor]:

@@ -10,12 +10,14 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from ..shapes import inside_transform
 from .iterate import Iterate, Solution
 from .problem import Problem, refuse_divergence, rollout
-from .sweep import regulated, sweep
+from .sweep import choose, priced, regulated, sweep
 from .verdict import at_same_bounds, input_curvature, judge
 
 SWEEPS = 200  # at most
+EXPLODED = 100  # how many times larger than the first and the wanted states a rollout may become
 
 
 def improve(problem: Problem, at: Iterate, newton: bool) -> Iterate:
@@ -62,18 +64,23 @@ def optimize(
 def start(problem: Problem, x_init: Tensor, U: Tensor) -> Iterate:
     """Returns the rollout of U, kept within its bounds.
 
-    Where that diverges, as on an unstable system it may, the linear regulator drives instead.
+    Where that explodes, as on an unstable system it may, the linear regulator drives instead if
+    that costs less: from states a hundred times too large no bounded input leads back.
     """
     U = problem.clamp(U)
-    X = rollout(problem, x_init, U)
-    cost = problem.cost(X, U)
-    lost = ~torch.isfinite(cost)
-    if lost.any():
-        X, U = (
-            torch.where(lost[..., None], *z) for z in zip(regulated(problem, x_init, U), (X, U))
+    X, U, cost = priced(problem, rollout(problem, x_init, U), U)
+    if inside_transform(cost):
+        raise RuntimeError(
+            "sweeps of a plan cannot run inside torch.vmap or torch.func.grad: pass the batch "
+            "itself, and differentiate by torch.autograd"
         )
-        cost = problem.cost(X, U)
-    refuse_divergence(X, cost)
+    wanted = problem.r[..., : x_init.shape[-1]].abs().amax((0, -1))
+    usual = torch.maximum(x_init.abs().amax(-1), wanted)
+    exploded = ~(X.abs().amax((0, -1)) <= EXPLODED * usual)
+    if exploded.any():
+        new = priced(problem, *regulated(problem, x_init, U))
+        X, U, cost = choose(exploded & (new[2] < cost), new, (X, U, cost))
+        refuse_divergence(X, cost)
     return Iterate.first(X, U, cost)
 
 

@@ -97,42 +97,47 @@ class LQR(OptimalControl):
 def _regulate(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Returns states, inputs and cost of one sweep without bounds."""
     X, U = _nominal(problem, x_init, U)
-    new = follow(problem, x_init, X, U, *_gains(problem, X, U))
+    new = _swept(problem, x_init, X, U)
     swamped = _swamped(X, new[0])
     if has_numbers(swamped) and swamped.any():
-        still = x_init.expand(X.shape)
-        X = torch.where(swamped[..., None], still, X)
-        new = follow(problem, x_init, X, U, *_gains(problem, X, U))
+        new = _swept(problem, x_init, torch.where(swamped[..., None], x_init, X), U)
     cost = problem.cost(*new)
-    refuse_divergence(new[0], cost)
+    refuse_divergence(X, cost)
     return *new, cost
 
 
-def _swamped(X: Tensor, new: Tensor) -> Tensor:
-    """Returns whether states to linearise around are so large that the plan drowns in rounding.
-
-    A rollout on an unstable system explodes. The plan that stays near it in exact arithmetic is
-    then the small difference of huge numbers: the regulator is found around x_init instead.
-    """
-    most = torch.finfo(X.dtype).eps ** -(1 / 3)
-    size, useful = (z.detach().abs().amax((0, -1)) for z in (X, new))
-    return ~(size <= most * useful.clamp(min=torch.finfo(X.dtype).tiny))
+def _swept(problem: Problem, x_init: Tensor, X: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
+    return follow(problem, x_init, X, U, *_gains(problem, X, U))
 
 
 def _nominal(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
     """Returns states and inputs to linearise around: zeros where any do, else a rollout."""
     if isinstance(problem.system, LTI):  # an unstable rollout would cost digits
-        zeros = x_init.new_zeros(len(problem.t) + 1, *x_init.shape)
-        return zeros, torch.zeros_like(U)
-    X = rollout(problem, x_init, U)
-    lost = ~torch.isfinite(X).all(0).all(-1)
-    return torch.where(lost[..., None], x_init, X), U
+        return x_init.new_zeros(len(problem.t) + 1, *x_init.shape), torch.zeros_like(U)
+    return rollout(problem, x_init, U), U
+
+
+def _swamped(X: Tensor, new: Tensor) -> Tensor:
+    """Returns whether states to linearise around are so large that a plan drowns in rounding.
+
+    A rollout on an unstable system explodes. The plan is then the small difference of huge
+    numbers, and has to be found around x_init instead.
+    """
+    eps, tiny = torch.finfo(X.dtype).eps, torch.finfo(X.dtype).tiny
+    size, useful = (z.detach().abs().amax((0, -1)) for z in (X, new))
+    return ~(size <= useful.clamp(min=tiny) / eps ** (1 / 3))
 
 
 def _gains(problem: Problem, X: Tensor, U: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns the regulator's gains; ValueError where the cost has no minimum."""
-    K, k, failed = regulator(problem, X, U)
+    """Returns the regulator's gains around states that are finite, else around the first one.
+
+    Raises:
+        ValueError: where the cost has no minimum.
+    """
+    finite = torch.isfinite(X).all(0).all(-1)
+    K, k, failed = regulator(problem, torch.where(finite[..., None], X, X[0]), U)
     if has_numbers(failed) and failed.any():
+        refuse_divergence(X, problem.cost(X, U))
         step = int(failed.reshape(len(failed), -1).any(-1).nonzero()[-1])
         raise ValueError(f"Q: the cost has no minimum, its curvature in u is not > 0 at t={step}")
     return K, k

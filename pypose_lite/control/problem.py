@@ -101,11 +101,16 @@ def rollout(problem: Problem, x_init: Tensor, U: Tensor) -> Tensor:
 
 
 def refuse_divergence(X: Tensor, cost: Tensor) -> None:
-    """Raises ValueError where states ``(T+1, ..., n)`` or their cost are not finite."""
-    if not has_numbers(cost):
+    """Raises ValueError where a cost is not finite, naming the first of the states that is not.
+
+    Args:
+        X: a rollout, ``(T+1, ..., n)``.
+        cost: the least that is known of for these members, ``(...)``.
+    """
+    if not has_numbers(cost) or torch.isfinite(cost).all():
         return
-    if not torch.isfinite(X).all():
-        step = int((~torch.isfinite(X)).nonzero()[0, 0])
+    lost = ~torch.isfinite(cost)[..., None] & ~torch.isfinite(X)
+    if lost.any():
+        step = int(lost.nonzero()[0, 0])
         raise ValueError(f"x_init: the rollout from it diverges, x[{step}] is not finite")
-    if not torch.isfinite(cost).all():
-        raise ValueError("x_init: the rollout from it diverges, its cost is not finite")
+    raise ValueError("x_init: the rollout from it diverges, its cost is not finite")

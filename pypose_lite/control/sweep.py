@@ -99,13 +99,15 @@ def line_search(
     best of several shorter ones, else none.
     """
     rounding = 8 * torch.finfo(at.cost.dtype).eps * at.cost.abs()
-    X, U, cost = _driven(problem, at, K, k)
+    X, U, cost = priced(problem, *follow(problem, at.X[0], at.X, at.U, K, k))
     helped = cost <= at.cost + torch.maximum(1e-4 * change, -rounding) + rounding
     if not helped.all():
-        tries = [_driven(problem, at, K, length * k) for length in SHORTER]
-        best = _cheapest([(at.X, at.U, at.cost), *tries])
-        X, U, cost = _choose(helped, (X, U, cost), best)
-        helped = helped | (best[2] < at.cost)
+        best = at.X, at.U, at.cost
+        for length in SHORTER:
+            plan = priced(problem, *follow(problem, at.X[0], at.X, at.U, K, length * k))
+            best = choose(plan[2] < best[2], plan, best)
+        X, U, cost = choose(helped, (X, U, cost), best)
+        helped = helped | (cost < at.cost)
     return X, U, cost, helped
 
 
@@ -146,21 +148,12 @@ def regulated(problem: Problem, x_init: Tensor, U: Tensor) -> tuple[Tensor, Tens
     return follow(problem, x_init, X, U, K, k)
 
 
-def _driven(problem: Problem, at: Iterate, K: Tensor, k: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns states, inputs and cost along the gains; a cost that is not finite is infinite."""
-    X, U = follow(problem, at.X[0], at.X, at.U, K, k)
+def priced(problem: Problem, X: Tensor, U: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns states and inputs with their cost, infinite where it is not finite."""
     return X, U, problem.cost(X, U).nan_to_num(torch.inf, torch.inf, torch.inf)
 
 
-def _cheapest(plans: list[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the states, inputs and cost of the cheapest plan, for each member of a batch."""
-    best = plans[0]
-    for plan in plans[1:]:
-        best = _choose(plan[2] < best[2], plan, best)
-    return best
-
-
-def _choose(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
+def choose(mask: Tensor, these: tuple, those: tuple) -> tuple[Tensor, Tensor, Tensor]:
     """Returns states, inputs and cost of one or the other plan, for each member of a batch."""
     masks = mask[..., None], mask[..., None], mask
     X, U, cost = (torch.where(*choice) for choice in zip(masks, these, those))

@@ -116,18 +116,14 @@ def test_the_cost_never_rises_where_plain_sweeps_raise_it():
     assert plan.converged and slope(Winds(), x, plan.u, Q).abs().max() < 1e-6
 
 
-def test_a_shorter_step_shortens_the_change_and_not_the_feedback(g):
-    """Several lengths at once, on a batch: each as by hand."""
+def test_a_plan_is_followed_by_its_feedback(g):
     mpc, x = pp.MPC(Clockwork().reset(1), torch.eye(3), None, 4), draw(g, 3, 2)
-    problem, x_init, U, _ = mpc._pose(x, None, draw(g, 3, 4, 1), None, None, None)
-    X, K = start(problem, x_init, U).X, draw(g, 4, 3, 1, 3)
-    lengths = torch.tensor([1.0, 0.3])
-    Xs, Us = follow(problem, x_init, X, U, K, lengths)
-    for i, step in enumerate(lengths):
-        for t in range(4):
-            feedback = pp.bmv(K[t, ..., :-1], Xs[t, i] - X[t])
-            close(Us[t, i], U[t] + step * K[t, ..., -1] + feedback)
-            close(Xs[t + 1, i], problem.system.transition(Xs[t, i], Us[t, i], 1 + t))
+    problem, x_init, U, _ = mpc._state(x, None, draw(g, 3, 4, 1), None, None, None)
+    X, K, k = start(problem, x_init, U).X, draw(g, 4, 3, 1, 2), draw(g, 4, 3, 1)
+    Xs, Us = follow(problem, x_init, X, U, K, k)
+    for t in range(4):
+        close(Us[t], U[t] + k[t] + pp.bmv(K[t], Xs[t] - X[t]))
+        close(Xs[t + 1], problem.system.transition(Xs[t], Us[t], 1 + t))
 
 
 def test_steps_to_where_the_system_is_not_defined_do_not_hide_a_shorter_one():
@@ -175,7 +171,7 @@ def test_a_cost_without_a_minimum_is_not_said_to_have_converged(g):
 def test_a_sweep_whose_model_has_no_minimum_changes_nothing(g):
     Q, x = torch.diag(torch.tensor([-9.0, -9.0, 1.0])), draw(g, 20, 2)
     mpc = pp.MPC(pp.LTI(*matrices(g, 2, 1)), Q, None, 3)
-    problem, x_init, U, _ = mpc._pose(x, None, None, None, None, None)
+    problem, x_init, U, _ = mpc._state(x, None, None, None, None, None)
     at = start(problem, x_init, U)
     new = improve(problem, at, newton=False)
     assert new.promised.isinf().all() and (new.damping > 0).all() and not new.converged.any()

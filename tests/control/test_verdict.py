@@ -5,20 +5,28 @@ import torch
 from oracles import draw
 
 import pypose_lite as pp
-from pypose_lite.control import ilqr
+from pypose_lite.control.iterate import Iterate
+from pypose_lite.control.sweep import Sweep
+from pypose_lite.control.verdict import at_same_bounds
+from pypose_lite.control.verdict import judge as verdict
 
 pytestmark = pytest.mark.usefixtures("float64")
 
-STATE = {"was": 10.0, "last": 1e-2, "damping": 0.0, "exact": True}
-SWEEP = {"cost": 9.0, "gain": -1.0, "failed": False, "helped": True}
-REST = {"size": 1e-2, "unit": 1.0, "same": True}
+BEFORE = {"cost": 10.0, "promised": 0.0, "size": 1e-2, "damping": 0.0, "exact": True}
+REST = {"converged": False, "iterations": 3}
+SWEEP = {"cost": 9.0, "change": -1.0, "size": 1e-2, "failed": False, "helped": True}
+NAMES = ("promised", "size", "damping", "exact", "converged")
 
 
-def judge(**change):
-    """What `ilqr.judge` says, by name."""
-    given = [torch.tensor(z) for z in ({**STATE, **SWEEP, **REST} | change).values()]
-    names = ("promised", "size", "damping", "exact", "converged")
-    return dict(zip(names, (z.item() for z in ilqr.judge(*given))))
+def judge(same=True, last=1e-2, damping=0.0, exact=True, **change):
+    """What the verdict on a sweep says, by name; ``last`` is the size of the step before."""
+    state = BEFORE | REST | {"size": last, "damping": damping, "exact": exact}
+    plan = {"X": 0.0, "U": 0.0, "K": 0.0}
+    before = Iterate(**{name: torch.tensor(z) for name, z in (plan | state).items()})
+    new = Sweep(**{name: torch.tensor(z) for name, z in (plan | SWEEP | change).items()})
+    after = verdict(before, new, torch.tensor(1.0), torch.tensor(same))
+    assert after.iterations == 4 and after.cost == new.cost
+    return {name: getattr(after, name).item() for name in NAMES}
 
 
 def test_damping_follows_the_share_of_the_promise_that_was_kept():
@@ -57,7 +65,7 @@ def test_only_a_sweep_that_went_as_newtons_do_foretells_the_next(doubt):
 def test_after_a_model_without_a_minimum_another_one_is_tried(last, exact):
     """Far from the solution Gauss-Newton's, near it Newton's, and if it comes again, damped."""
     again = exact == (last < 0.1)
-    went = judge(size=0.0, gain=0.0, cost=10.0, failed=True, last=last, exact=exact, damping=0.5)
+    went = judge(size=0.0, change=0.0, cost=10.0, failed=True, last=last, exact=exact, damping=0.5)
     assert went == {
         "promised": float("inf"),
         "size": last,  # of the latest step that there was
@@ -73,14 +81,14 @@ def test_a_sweep_that_is_held_back_has_not_converged():
 
 def test_an_input_that_meets_or_leaves_a_bound_is_seen(g):
     mpc, bounds = pp.infinity.controller(T=3), {"u_lower": -1.0, "u_upper": 2.0}
-    problem, *_ = mpc._pose(draw(g, 2, 4), None, None, *bounds.values(), None)
+    problem = mpc._state(draw(g, 2, 4), None, None, *bounds.values(), None).problem
     U = torch.tensor([[[0.0, -1], [2, 0]], [[0, 0], [0, 0]], [[0, 0], [0, 0]]])
-    assert ilqr.same_bounds(problem, U, U + 0.1 * U * (U.abs() < 1)).tolist() == [True, True]
+    assert at_same_bounds(problem, U, U + 0.1 * U * (U.abs() < 1)).tolist() == [True, True]
     for value, member in ((-1.0, 0), (2.0, 0), (-1.0, 1), (2.0, 1)):
         V = U.clone()
         V[1, member, 1] = value
         for pair in ((U, V), (V, U)):
-            assert ilqr.same_bounds(problem, *pair).tolist() == [member == 1, member == 0]
+            assert at_same_bounds(problem, *pair).tolist() == [member == 1, member == 0]
 
 
 @pytest.mark.parametrize("bound", [None, 2.0], ids=["free", "bounded"])

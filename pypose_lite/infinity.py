@@ -72,41 +72,112 @@ class Run(NamedTuple):
         return self.running.sum(-1)
 
 
-class SimulatedCar:
-    """The world of a run without a robot: a car that moves and is seen with noise."""
+class World:
+    """What a lap is driven in: where it begins, how noisy it is, and how long a step takes.
 
-    def __init__(self, car, x, process_noise=0.0, observation_noise=0.0, generator=None):
-        self.car, self.x, self.generator = car, x, generator
+    A lap calls :meth:`start`, then in every step ``look`` and ``move``, and at the end ``stop``.
+
+    Args:
+        dt: seconds a step takes.
+        x_init: where the cars start, ``(..., 4)``; None is the first waypoint.
+        process_noise: standard deviation of w, every component; a filter's Q is made of it.
+        observation_noise: standard deviation of v, every component; a filter's R is made of it.
+        generator: for all that is drawn.
+    """
+
+    x: Tensor  # the state now, (..., 4)
+
+    def __init__(self, dt, x_init=None, process_noise=0.0, observation_noise=0.0, generator=None):
+        x_init = waypoints()[0] if x_init is None else x_init
+        check("x_init: n", x_init, n=4)
+        self.dt, self.x_init, self.generator = dt, x_init, generator
         self.process_noise, self.observation_noise = process_noise, observation_noise
+        eye = torch.eye(4, dtype=x_init.dtype, device=x_init.device)
+        self.Q, self.R = process_noise**2 * eye, observation_noise**2 * eye
+
+    def start(self) -> tuple[Tensor, Tensor]:
+        """Puts the cars where they start; returns a first estimate, and its covariance."""
+        self.x = self.x_init
+        P = PRIOR**2 * torch.eye(4, dtype=self.x.dtype, device=self.x.device)
+        return self.x + self.noise(PRIOR), P.expand(*self.x.shape, 4)
+
+    def noise(self, size: float) -> Tensor:
+        """Returns noise of a standard deviation, for every component of every car."""
+        if size == 0:
+            return torch.zeros_like(self.x_init)
+        like = {"dtype": self.x_init.dtype, "device": self.x_init.device}
+        return size * torch.randn(self.x_init.shape, generator=self.generator, **like)
+
+
+class SimulatedCar(World):
+    """A car, or a batch of cars, that move as a model does and are seen with noise.
+
+    Args:
+        car: the model, and whose dt counts; None is the ideal car.
+        x_init: and the others, as in :class:`World`.
+        process_noise: of every step.
+        observation_noise: of every look.
+        generator: for both, and for the first estimate.
+    """
+
+    def __init__(
+        self,
+        car: DubinsCar | None = None,
+        x_init: Tensor | None = None,
+        process_noise: float = 0.0,
+        observation_noise: float = 0.0,
+        generator: torch.Generator | None = None,
+    ):
+        self.car = DubinsCar() if car is None else car
+        super().__init__(self.car.dt, x_init, process_noise, observation_noise, generator)
+
+    def start(self) -> tuple[Tensor, Tensor]:
+        """Remembers the clock, and does what :meth:`World.start` does."""
+        self.began = self.car.systime
+        return super().start()
 
     def look(self) -> Tensor:
         """Returns an observation of the state now, ``y = x + v``."""
-        return self.x + self._noise(self.observation_noise)
+        return self.x + self.noise(self.observation_noise)
 
     def move(self, u: Tensor, running: Tensor) -> Tensor:
         """Moves the cars that are running one step, ``x' = f(x, u) + w``, and returns x'."""
-        moved = self.car(self.x, u)[0] + self._noise(self.process_noise)
+        moved = self.car(self.x, u)[0] + self.noise(self.process_noise)
         self.x = torch.where(running[..., None], moved, self.x)
         return self.x
 
-    def _noise(self, size: float) -> Tensor:
-        if size == 0:
-            return torch.zeros_like(self.x)
-        like = {"dtype": self.x.dtype, "device": self.x.device}
-        return size * torch.randn(self.x.shape, generator=self.generator, **like)
+    def stop(self) -> None:
+        """Puts the car's clock back."""
+        self.car.reset(self.began)
 
 
-class RealRobot:
-    """The world of a run with a robot: it is asked for its pose and sent velocities."""
+class RealRobot(World):
+    """A robot in the car's place: it is asked for its pose and sent velocities.
 
-    def __init__(self, robot, dt: float, like: Tensor):
-        self.robot, self.dt, self.like = robot, dt, like
+    Args:
+        robot: has ``pose() -> (i, j, heading)``, ``move(v, phi)``, ``wait(dt)`` and ``stop()``, as
+            ``go1.Robot`` does.
+        dt: seconds a step takes.
+        x_init: gives dtype and device, and where an estimate begins; None is the first waypoint.
+        process_noise: as a filter is to assume it; the robot's own noise is not known.
+        observation_noise: likewise.
+        generator: for the first estimate.
+    """
+
+    def __init__(self, robot, dt: float = 0.1, x_init: Tensor | None = None, **noise):
+        super().__init__(dt, x_init, **noise)
+        self.robot = robot
+
+    def start(self) -> tuple[Tensor, Tensor]:
+        """Asks for the first pose, and does what :meth:`World.start` does."""
+        estimate, P = super().start()
         self.x = self.look()
+        return estimate, P
 
     def look(self) -> Tensor:
         """Returns where the robot says it is, as a state ``(4,)``."""
         i, j, heading = self.robot.pose()
-        return self.like.new_tensor([i, j, math.cos(heading), math.sin(heading)])
+        return self.x_init.new_tensor([i, j, math.cos(heading), math.sin(heading)])
 
     def move(self, u: Tensor, running: Tensor) -> Tensor:
         """Sends ``[v, phi]``, waits for one time step, and returns where the robot then is."""
@@ -114,19 +185,18 @@ class RealRobot:
         self.robot.wait(self.dt)
         return self.look()
 
+    def stop(self) -> None:
+        """Stops the robot."""
+        self.robot.stop()
+
 
 def drive(
     mpc: Callable,
-    car: DubinsCar | None = None,
+    world: World | None = None,
     estimator: Callable | None = None,
-    robot=None,
     aim: Callable | None = None,
-    x_init: Tensor | None = None,
-    process_noise: float = 0.0,
-    observation_noise: float = 0.0,
     tolerance: float = TOLERANCE,
     steps: int = 200,
-    generator: torch.Generator | None = None,
     u_lower: Tensor | float | None = None,
     u_upper: Tensor | float | None = None,
 ) -> Run:
@@ -143,18 +213,13 @@ def drive(
     Args:
         mpc: called as in the paper, ``xt, u, cost = mpc(dt, x, target)``; an :class:`MPC` also
             gets its last plan, shifted, to start from.
-        car: the car that moves, and whose dt counts; None is the ideal one.
+        world: a :class:`SimulatedCar`, a :class:`RealRobot`, or what has their methods; None is
+            the ideal car.
         estimator: a filter with PyPose's call (3), or None.
-        robot: moves in the car's place; has ``pose() -> (i, j, heading)``, ``move(v, phi)``,
-            ``wait(dt)`` and ``stop()``, as ``go1.Robot`` does.
         aim: returns the target from ``X[i] (..., 4)`` and the next waypoint's index ``(...)``;
             None aims at the waypoint itself.
-        x_init: where the cars start, ``(..., 4)``; None is the first waypoint.
-        process_noise: standard deviation of w, every component.
-        observation_noise: standard deviation of v, every component.
         tolerance: metres.
         steps: how many at most.
-        generator: for the noise, and for the first estimate, drawn with PRIOR.
         u_lower: lower bound of u, as :meth:`MPC.solve` takes it; a controller of one's own gets
             it as a keyword. None is not passed on.
         u_upper: upper bound of u, likewise.
@@ -163,39 +228,35 @@ def drive(
     """
     if steps < 1:
         raise ValueError(f"steps: expected at least one, got {steps}")
-    car = DubinsCar() if car is None else car
-    x = waypoints()[0] if x_init is None else x_init
-    check("x_init: n", x, n=4)
-    path, eye = waypoints(x.dtype, x.device), torch.eye(4, dtype=x.dtype, device=x.device)
-    simulated = SimulatedCar(car, x, process_noise, observation_noise, generator)
-    world = simulated if robot is None else RealRobot(robot, car.dt, x)
-    Q, R = process_noise**2 * eye, observation_noise**2 * eye
-    X, P = SimulatedCar(car, x, 0, PRIOR, generator).look(), (PRIOR**2 * eye).expand(*x.shape, 4)
+    world = SimulatedCar() if world is None else world
     bounds = {"u_lower": u_lower, "u_upper": u_upper}
     bounds = {name: bound for name, bound in bounds.items() if bound is not None}
-    goal, warm = torch.ones(x.shape[:-1], dtype=torch.int64, device=x.device), list[Tensor]()
-    start, xs, log = car.systime, [world.x], list[tuple[Tensor, ...]]()
     try:
+        X, P = world.start()
+        path = waypoints(X.dtype, X.device)
+        last = len(path) - 1
+        goal = torch.ones(X.shape[:-1], dtype=torch.int64, device=X.device)
+        warm, xs, log = list[Tensor](), [world.x], list[tuple[Tensor, ...]]()
         for _ in range(steps):
             y = world.look()  # (1)
             X = y if estimator is None else X
-            near = torch.linalg.vector_norm((X - path[goal.clamp(max=16)])[..., :2], dim=-1)
-            goal = goal + ((near <= tolerance) & (goal < 17))
-            running = goal < 17
+            off = (X - path[goal.clamp(max=last)])[..., :2]
+            reached = torch.linalg.vector_norm(off, dim=-1) <= tolerance
+            goal = goal + (reached & (goal <= last))
+            running = goal <= last
             if not running.any():
                 break
-            target = path[goal.clamp(max=16)] if aim is None else aim(X, goal.clamp(max=16))
-            plan = mpc(car.dt, X, target, *warm, **bounds)[1]
+            ahead = goal.clamp(max=last)
+            target = path[ahead] if aim is None else aim(X, ahead)
+            plan = mpc(world.dt, X, target, *warm, **bounds)[1]
             warm = [shift(plan)] if isinstance(mpc, MPC) else []
             u = torch.where(running[..., None], plan[..., 0, :], 0)  # (2)
             log.append((u, y, X, P, goal, running))
             if estimator is not None:
-                X, P = estimator(X, y, u, P, Q, R)  # (3)
+                X, P = estimator(X, y, u, P, world.Q, world.R)  # (3)
             xs.append(world.move(u, running))  # (4)
     finally:
-        car.reset(start)
-        if robot is not None:
-            robot.stop()
+        world.stop()
     return _run(xs, log, estimator is not None, ~running)
 
 

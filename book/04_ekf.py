@@ -55,9 +55,8 @@ mpc.stepper = pp.utils.ReduceToBason(steps=4)  # sweeps a plan, as in chapter 3
 # %% tags=["hide-input"]
 def lap(estimator):  # 64 noisy cars
     start, generator = W[0].expand(64, 4), torch.Generator().manual_seed(0)
-    noise = {"process_noise": process, "observation_noise": sensor, "steps": 60}
-    options = {"x_init": start, "generator": generator} | noise
-    return infinity.drive(mpc, car, estimator, **options)
+    world = infinity.SimulatedCar(car, start, process, sensor, generator)
+    return infinity.drive(mpc, world, estimator, steps=60)
 
 
 run = lap(pp.module.EKF(car))
@@ -626,11 +625,11 @@ def shaky(look):  # remembers what the pose was
 
 mpc.stepper, generator = pp.utils.ReduceToBason(2), torch.Generator().manual_seed(0)
 trot, poses = torch.tensor([1.2, 1.5]), []  # m/s, rad/s
-options = {"tolerance": 0.15, "process_noise": 0.02, "observation_noise": 0.1}
+noise = {"process_noise": 0.02, "observation_noise": 0.1, "generator": generator}
+limits = {"u_lower": -trot, "u_upper": trot, "tolerance": 0.15}
 with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as dog:
-    options |= {"u_lower": -trot, "u_upper": trot, "generator": generator}
     dog.pose = partial(shaky, dog.pose)
-    walk = infinity.drive(mpc, car, pp.EKF(car), dog, **options)
+    walk = infinity.drive(mpc, infinity.RealRobot(dog, dt, **noise), pp.EKF(car), **limits)
 truth = torch.stack(poses)[1:-1:2, :2]  # asked at the start, then for y and x in turn
 told, seen = ((z[:, :2] - truth).norm(dim=-1).mean() for z in (walk.estimate, walk.y))
 again, R_dog = [walk.estimate[:1], walk.y[None], walk.u[None]], 0.01 * I

@@ -296,12 +296,11 @@ mpc.stepper = pp.utils.ReduceToBason(steps=4)
 driven = {"raw": None, "EKF": pp.EKF(car), "UKF": pp.UKF(car)}
 driven["PF"] = partial(pp.PF(car), generator=torch.Generator().manual_seed(1))
 laps, titles = {}, ["(a) raw observation", "(b) EKF", "(c) UKF", "(d) PF"]
-noise = {"process_noise": q, "observation_noise": r, "steps": 60}
 fig, panels = plt.subplots(2, 2, figsize=(7, 4.6), sharex=True, sharey=True)
 for (name, estimator), ax, title in zip(driven.items(), panels.flat, titles):
     generator = torch.Generator().manual_seed(0)
-    options = {"x_init": W[0].expand(64, 4), "generator": generator} | noise
-    laps[name] = run = infinity.drive(mpc, car, estimator, **options)
+    world = infinity.SimulatedCar(car, W[0].expand(64, 4), q, r, generator)
+    laps[name] = run = infinity.drive(mpc, world, estimator, steps=60)
     plotting.plot_waypoints(plotting.infinity_axes(ax, title), W)
     ax.plot(*run.x[1:16].permute(2, 1, 0)[:2], color=plotting.GREY, lw=0.4)
     ax.lines[0].set_label("15 other cars")

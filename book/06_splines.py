@@ -435,7 +435,7 @@ def ahead(x, goal, distance=0.3):
 
 start = W[0].repeat(16, 1)
 start[1:, :2] += 0.2 * torch.randn(15, 2, generator=torch.Generator().manual_seed(0))
-run = infinity.drive(mpc, aim=ahead, x_init=start, steps=90)
+run = infinity.drive(mpc, infinity.SimulatedCar(x_init=start), aim=ahead, steps=90)
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.9), width_ratios=[1.4, 1])
 plotting.plot_reference(plotting.infinity_axes(left), circles, label="circles")
 plotting.plot_states(left, run.x[1:], label="15 shifted cars", color=plotting.RED)
@@ -716,7 +716,7 @@ claim("gentler", bends(moved(z.detach())).max(), below=1.8, unit="1/m")
 low, trot = torch.tensor([0.0, -1.5]), torch.tensor([1.2, 1.5])  # m/s, rad/s
 limits = {"u_lower": low, "u_upper": trot, "tolerance": 0.15, "steps": 150}
 with go1.connect("sim", start=(0.0, 0.3, -math.pi / 2)) as robot:
-    walk = infinity.drive(mpc, robot=robot, aim=ahead, **limits)
+    walk = infinity.drive(mpc, infinity.RealRobot(robot), aim=ahead, **limits)
 claim("dog_finished", walk.finished, equals=True)
 claim("dog_error", off(walk.x).mean(), below=0.04, unit="m")
 

@@ -63,9 +63,11 @@ def steering(price, sweeps=2):
 
 def lap(aim=None, price=0.01, cars=64, estimator=True, sweeps=2, **options):
     mpc, ekf = steering(price, sweeps), pp.module.EKF(car) if estimator else None
-    how = {"process_noise": q, "observation_noise": r, "x_init": W[0].expand(cars, 4)}
-    how |= {"generator": torch.Generator().manual_seed(0), "steps": 60}
-    return infinity.drive(mpc, car, ekf, aim=aim, **how | options)
+    noise = {"process_noise": q, "observation_noise": r}
+    noise |= {name: options.pop(name) for name in list(options) if name in noise}
+    noise["generator"] = torch.Generator().manual_seed(0)
+    world = infinity.SimulatedCar(car, W[0].expand(cars, 4), **noise)
+    return infinity.drive(mpc, world, ekf, aim, **{"steps": 60} | options)
 
 
 def ahead(x, goal, spacing=0.25):
@@ -639,12 +641,12 @@ claim("learned_error", errors[-1].detach() / errors[0].detach(), below=0.97)
 
 # %%
 trot, plan = torch.tensor([1.2, 1.5]), partial(ahead, spacing=0.11)
-options = {"tolerance": 0.3, "process_noise": 0.02, "observation_noise": 0.02}
-options |= {"u_lower": -trot, "u_upper": trot}
-options["generator"] = torch.Generator().manual_seed(0)
+noise = {"process_noise": 0.02, "observation_noise": 0.02}
+noise["generator"] = torch.Generator().manual_seed(0)
+options = {"tolerance": 0.3, "u_lower": -trot, "u_upper": trot}
 with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as robot:
     mpc, ekf = steering(0.001), pp.module.EKF(car)
-    walk = infinity.drive(mpc, car, ekf, robot, plan, **options)
+    walk = infinity.drive(mpc, infinity.RealRobot(robot, dt, **noise), ekf, plan, **options)
 fig, ax = plt.subplots(figsize=(7, 3.2))
 plotting.plot_states(plotting.plot_course(ax), walk.x, label="the dog, as it says")
 ax.set_ylim(-1.3, 1.8)

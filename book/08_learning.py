@@ -58,10 +58,9 @@ few = pp.utils.ReduceToBason(steps=2)  # sweeps a plan
 def lap(planner, estimator):
     """A lap of 16 slipping cars, by what planner and filter believe of the car."""
     mpc = pp.MPC(planner, infinity.controller().Q, None, T, few)
-    options = {"process_noise": q, "observation_noise": r, "steps": 60}
-    options |= {"generator": torch.Generator().manual_seed(0)}
-    x_init = W[0].expand(16, 4)
-    return infinity.drive(mpc, real, pp.EKF(estimator), x_init=x_init, **options)
+    generator = torch.Generator().manual_seed(0)
+    world = infinity.SimulatedCar(real, W[0].expand(16, 4), q, r, generator)
+    return infinity.drive(mpc, world, pp.EKF(estimator), steps=60)
 
 
 def rollout(slip, u):
@@ -364,7 +363,8 @@ claim("turn_learned", path[-1, 2].exp(), equals=0.05, within=0.01)
 
 # %% tags=["hide-input"]
 both = torch.stack([weigh(z).diag().expand(T, 6, 6) for z in path[[0, -1]]])
-twins = infinity.drive(pp.MPC(ideal, both, None, T, few), x_init=W[:1].expand(2, 4))
+pair = infinity.SimulatedCar(ideal, W[:1].expand(2, 4))
+twins = infinity.drive(pp.MPC(ideal, both, None, T, few), pair)
 before, after = (u[:n, 0] for u, n in zip(twins.u, twins.steps))
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.9))
 for k, name in enumerate(["heading", "speed", "turning"]):
@@ -661,7 +661,7 @@ def late(lag, x, u):
 walks = pp.MPC(ideal, prices.diag(), None, T, few)
 box = {"u_lower": torch.tensor([0.0, -1.5]), "u_upper": torch.tensor([1.2, 1.5])}
 with go1.connect("sim", start=(0.0, 0.0, -torch.pi / 2)) as robot:
-    walk = infinity.drive(walks, robot=robot, tolerance=0.15, **box)
+    walk = infinity.drive(walks, infinity.RealRobot(robot), tolerance=0.15, **box)
 
 
 # %%

@@ -87,7 +87,7 @@ def picture():
 
 with go1.connect("sim", start=START) as robot:
     dog = Watched(robot)
-    lap = infinity.drive(walks, robot=dog, tolerance=0.15)
+    lap = infinity.drive(walks, infinity.RealRobot(dog), tolerance=0.15)
 fig, show = picture()
 display(animate(lambda k: show(lap.x[: 4 * k + 1]) or fig, lap.steps // 4 + 1, 0.3))
 near = torch.cdist(W[:, :2], lap.x[:, :2]).amin(1)  # of each target to the way
@@ -101,7 +101,7 @@ claim("lap_time", dt * lap.steps, below=13, unit="s")
 #
 # ```
 # with go1.connect("sim", start=START) as robot:
-#     infinity.drive(walks, robot=robot, tolerance=0.15)
+#     infinity.drive(walks, infinity.RealRobot(robot), tolerance=0.15)
 # ```
 #
 # For a real dog, `"sim"` becomes `"udp://192.168.123.161:8082"`, and nothing else. (`Watched` only
@@ -140,7 +140,7 @@ widgets.live(
 # %%
 wifi = go1.Simulation(faults=go1.Faults(loss=0.05, delay=0.05))
 with go1.connect("sim", start=START, simulation=wifi) as robot:
-    stuck = infinity.drive(walks, robot=robot, tolerance=0.15, steps=100)
+    stuck = infinity.drive(walks, infinity.RealRobot(robot), tolerance=0.15, steps=100)
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.7), width_ratios=[1.6, 1])
 plotting.plot_waypoints(plotting.infinity_axes(left), W, "targets")
 plotting.plot_states(left, stuck.x, label="observations")
@@ -512,7 +512,7 @@ def knows(robot, plans, late, dt, x, target):
 tape, late = f"{folder.name}/lap.csv", round(delay.item() / dt)  # a file; steps
 with go1.connect("sim", start=START, simulation=wifi, log=tape) as robot:
     dog, guide = Watched(robot), partial(knows, robot, [torch.zeros(10, 2)] * 9, late)
-    known = infinity.drive(guide, robot=dog, tolerance=0.15, steps=160)
+    known = infinity.drive(guide, infinity.RealRobot(dog), tolerance=0.15, steps=160)
 true = torch.tensor(dog.truth)
 fig, ax = plt.subplots(figsize=(7, 4.2))
 plotting.plot_states(plotting.infinity_axes(ax), known.x, label="observations")
@@ -578,11 +578,12 @@ class Seen(Watched):
 # %%
 drifts = go1.Simulation(numbers=go1.Numbers(scale=1.03, yaw_drift=math.radians(1)))
 laps, (camera, first) = [], (torch.Generator().manual_seed(seed) for seed in (0, 1))
-options = {"tolerance": 0.15, "process_noise": 0.01, "observation_noise": 0.01}
+noise = {"process_noise": 0.01, "observation_noise": 0.01, "generator": first}
 for kind, ekf in [(Watched, None), (Seen, None), (Watched, pp.EKF(pp.DubinsCar(dt)))]:
     with go1.connect("sim", start=START, simulation=drifts) as robot:
         dog, guide = kind(robot), partial(knows, robot, [torch.zeros(10, 2)], 0)
-        run = infinity.drive(guide, None, ekf, dog, **options, generator=first)
+        world = infinity.RealRobot(dog, dt, **noise)
+        run = infinity.drive(guide, world, ekf, tolerance=0.15)
     laps.append((run, torch.tensor(dog.truth)))
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.9), sharey=True)
 for ax, title, (run, true) in zip(panels, ["odometry alone", "camera and EKF"], laps):

@@ -75,7 +75,7 @@ class Run(NamedTuple):
 class World:
     """What a lap is driven in: where it begins, how noisy it is, and how long a step takes.
 
-    A lap calls :meth:`start`, then in every step ``look`` and ``move``, and at the end ``stop``.
+    A lap calls ``start``, then in every step ``look`` and ``move``, and at the end ``stop``.
 
     Args:
         dt: seconds a step takes.
@@ -100,6 +100,17 @@ class World:
         self.x = self.x_init
         P = PRIOR**2 * torch.eye(4, dtype=self.x.dtype, device=self.x.device)
         return self.x + self.noise(PRIOR), P.expand(*self.x.shape, 4)
+
+    def look(self) -> Tensor:
+        """Returns an observation of the state now, ``(..., 4)``."""
+        raise NotImplementedError
+
+    def move(self, u: Tensor, running: Tensor) -> Tensor:
+        """Moves those that are running one step by inputs ``(..., 2)``; returns the states."""
+        raise NotImplementedError
+
+    def stop(self) -> None:
+        """Ends the lap, also after an error."""
 
     def noise(self, size: float) -> Tensor:
         """Returns noise of a standard deviation, for every component of every car."""
@@ -170,9 +181,10 @@ class RealRobot(World):
 
     def start(self) -> tuple[Tensor, Tensor]:
         """Asks for the first pose, and does what :meth:`World.start` does."""
-        estimate, P = super().start()
-        self.x = self.look()
-        return estimate, P
+        x = self.look()
+        estimate = super().start()
+        self.x = x
+        return estimate
 
     def look(self) -> Tensor:
         """Returns where the robot says it is, as a state ``(4,)``."""

@@ -9,6 +9,7 @@ from oracles import close, draw, rollout
 
 import pypose_lite as pp
 from pypose_lite import infinity
+from pypose_lite.infinity import RealRobot, SimulatedCar
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -73,7 +74,7 @@ def lap():
     before = torch.get_default_dtype()
     torch.set_default_dtype(torch.float64)
     car = pp.DubinsCar()
-    run = infinity.drive(infinity.controller(car), car)
+    run = infinity.drive(infinity.controller(car), SimulatedCar(car))
     torch.set_default_dtype(before)
     return run
 
@@ -106,11 +107,11 @@ def test_a_run_records_the_loop(lap):
 
 def test_a_batch_of_cars_runs_as_each_alone_each_at_its_own_waypoint(g):
     x = infinity.waypoints()[0] + torch.tensor([0.3, 0.3, 0.5, 0.5]) * draw(g, 5, 4)
-    run = infinity.drive(pursue, x_init=x)
+    run = infinity.drive(pursue, SimulatedCar(x_init=x))
     assert run.finished.all() and len(set(run.steps.tolist())) > 1
     assert (run.goal.max(-1).values == 17).any() and (run.goal[0] != run.goal[1]).any()
     for i in range(5):
-        alone, n = infinity.drive(pursue, x_init=x[i]), int(run.steps[i])
+        alone, n = infinity.drive(pursue, SimulatedCar(x_init=x[i])), int(run.steps[i])
         assert alone.finished and alone.steps == n
         close(run.x[i, : n + 1], alone.x), close(run.u[i, :n], alone.u)
         close(run.x[i, n:], alone.x[-1:].expand_as(run.x[i, n:]))
@@ -120,9 +121,9 @@ def test_a_batch_of_cars_runs_as_each_alone_each_at_its_own_waypoint(g):
 
 def test_a_batch_of_cars_under_mpc_runs_as_each_alone(g):
     x = infinity.waypoints()[0] + 0.1 * draw(g, 2, 2, 4)
-    run = infinity.drive(infinity.controller(T=5), x_init=x, steps=6)
+    run = infinity.drive(infinity.controller(T=5), SimulatedCar(x_init=x), steps=6)
     assert run.x.shape == (2, 2, 7, 4) and run.steps.shape == (2, 2)
-    alone = infinity.drive(infinity.controller(T=5), x_init=x[1, 0], steps=6)
+    alone = infinity.drive(infinity.controller(T=5), SimulatedCar(x_init=x[1, 0]), steps=6)
     close(run.x[1, 0], alone.x, 1e-9), close(run.u[1, 0], alone.u, 1e-8)
 
 
@@ -188,7 +189,8 @@ def test_a_waypoint_counts_as_reached_within_the_tolerance():
 
 
 def test_float32_stays_float32():
-    run = infinity.drive(pursue, x_init=infinity.waypoints(torch.float32)[0], steps=5)
+    start = infinity.waypoints(torch.float32)[0]
+    run = infinity.drive(pursue, SimulatedCar(x_init=start), steps=5)
     assert {z.dtype for z in run[:4]} == {torch.float32}
 
 
@@ -201,7 +203,7 @@ def test_noise_is_as_large_as_stated_and_the_same_for_the_same_generator():
     def run(seed):
         generator = torch.Generator().manual_seed(seed)
         q = infinity.OBSERVATION_NOISE
-        return infinity.drive(pursue, None, None, None, None, x, 0.02, q, 0.1, 20, generator)
+        return infinity.drive(pursue, SimulatedCar(None, x, 0.02, q, generator), steps=20)
 
     one, other = run(1), run(2)
     close(run(1).x, one.x, 0), close(run(1).y, one.y, 0)
@@ -229,10 +231,8 @@ def test_an_estimator_is_called_as_in_the_paper_and_the_controller_hears_its_est
         return pursue(dt, x, target)
 
     x = infinity.waypoints()[:3]
-    run = infinity.drive(
-        controller, pp.DubinsCar(0.2), estimator, x_init=x, process_noise=0.01,
-        observation_noise=0.3, steps=4, generator=g,
-    )  # fmt: skip
+    world = SimulatedCar(pp.DubinsCar(0.2), x, 0.01, 0.3, generator=g)
+    run = infinity.drive(controller, world, estimator, steps=4)
     for i, (X, y, u, P, Q, R) in enumerate(calls):
         close(X, run.estimate[:, i], 0), close(y, run.y[:, i], 0), close(u, run.u[:, i], 0)
         close(P, run.P[:, i], 0), close(P, 2.0**i * 0.05**2 * torch.eye(4).expand(3, 4, 4))
@@ -306,16 +306,16 @@ class Toy:
 
 def test_a_robot_moves_in_the_cars_place_and_is_stopped_at_the_end():
     start = infinity.waypoints()[0] + torch.tensor([0.2, 0.1, 0, 0])
-    robot, car = Toy(x=start.tolist()), infinity.drive(pursue, x_init=start, steps=30)
-    run = infinity.drive(pursue, robot=robot, steps=30)
+    robot, car = Toy(x=start.tolist()), infinity.drive(pursue, SimulatedCar(x_init=start), steps=30)
+    run = infinity.drive(pursue, RealRobot(robot), steps=30)
     close(run.x, car.x, 1e-9), close(run.y, run.x[:-1])
     close(torch.tensor(robot.told[:-1]), run.u, 0)
     assert robot.told[-1] == "stop" and len(robot.told) == 31
 
 
 @pytest.mark.parametrize("who", ["robot", "controller"])
-def test_a_robot_is_stopped_and_the_clock_put_back_also_after_an_error(who):
-    robot, car = Toy(3 if who == "robot" else 99), pp.DubinsCar().reset(4)
+def test_a_robot_is_stopped_also_after_an_error(who):
+    robot = Toy(3 if who == "robot" else 99)
 
     def controller(dt, x, target):
         if who == "controller" and len(robot.told) == 3:
@@ -323,14 +323,63 @@ def test_a_robot_is_stopped_and_the_clock_put_back_also_after_an_error(who):
         return pursue(dt, x, target)
 
     with pytest.raises(OSError, match=f"the {'robot' if who == 'robot' else 'planner'} is gone"):
-        infinity.drive(controller, car, robot=robot)
-    assert robot.told[-1] == "stop" and len(robot.told) == 4 and car.systime == 4
+        infinity.drive(controller, RealRobot(robot))
+    assert robot.told[-1] == "stop" and len(robot.told) == 4
+
+
+def test_the_clock_is_put_back_also_after_an_error():
+    car = pp.DubinsCar().reset(4)
+
+    def controller(dt, x, target):
+        if car.systime == 6:
+            raise OSError("the planner is gone")
+        return pursue(dt, x, target)
+
+    with pytest.raises(OSError, match="the planner is gone"):
+        infinity.drive(controller, SimulatedCar(car))
+    assert car.systime == 4
+
+
+def test_a_robot_whose_first_pose_never_comes_is_stopped():
+    class Silent(Toy):
+        def pose(self):
+            raise TimeoutError("no state came")
+
+    robot = Silent()
+    with pytest.raises(TimeoutError):
+        infinity.drive(pursue, RealRobot(robot))
+    assert robot.told == ["stop"]
+
+
+def test_a_world_can_be_driven_in_again_from_its_start(g):
+    world = SimulatedCar(x_init=infinity.waypoints()[:2])
+    first, second = (infinity.drive(pursue, world, steps=4) for _ in range(2))
+    close(first.x, second.x, 0)
+
+
+def test_a_world_of_ones_own_needs_three_functions():
+    class Still(infinity.World):
+        told = "started"
+
+        def look(self):
+            return self.x
+
+        def move(self, u, running):
+            return self.x
+
+        def stop(self):
+            self.told = "stopped"
+
+    world = Still(0.25)
+    run = infinity.drive(lambda dt, x, target: (dt, torch.ones(1, 2), None), world, steps=3)
+    assert world.told == "stopped" and run.x.shape == (4, 4)
+    close(run.x, infinity.waypoints()[:1].expand(4, 4))
 
 
 def test_a_lap_leaves_cars_and_controllers_as_they_were():
     car = pp.DubinsCar().reset(4)
     mpc = infinity.controller(car, T=3)
-    first, second = (infinity.drive(mpc, car, steps=3) for _ in range(2))
+    first, second = (infinity.drive(mpc, SimulatedCar(car), steps=3) for _ in range(2))
     close(first.x, second.x, 0)
     assert car.systime == 4
 
@@ -342,7 +391,7 @@ def test_the_clock_runs_while_the_car_drives():
         seen.append(int(car.systime))
         return pursue(dt, x, target)
 
-    infinity.drive(controller, car, steps=3)
+    infinity.drive(controller, SimulatedCar(car), steps=3)
     assert seen == [2, 3, 4]
 
 
@@ -360,7 +409,8 @@ def test_bad_arguments_are_named(change, words):
     if "x_init" in change:
         change["x_init"] = torch.ones(change["x_init"]) * change.pop("spoil", 1.0)
     with pytest.raises(ValueError, match=words):
-        infinity.drive(pursue, **change)
+        start = {"x_init": change.pop("x_init")} if "x_init" in change else {}
+        infinity.drive(pursue, SimulatedCar(**start), **change)
 
 
 def test_the_controller_has_the_books_weights():

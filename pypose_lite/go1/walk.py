@@ -79,9 +79,8 @@ def walk(
     with torch.no_grad():
         return infinity.drive(
             mpc,
-            car,
+            infinity.RealRobot(robot, STEP),
             estimator=Ahead(car, 1 + round(delay / STEP)),
-            robot=robot,
             aim=aim,
             steps=math.ceil(3 * infinity.LENGTH / spacing),
             u_lower=fastest * torch.tensor([0.0, -1.0]),

@@ -268,7 +268,7 @@ def test_ten_steps_of_the_closed_loop_have_exact_gradients():
 
     def lap(x, q, slip):
         mpc = pp.MPC(pp.DubinsCar(), torch.diag(q), None, 4)
-        return infinity.drive(mpc, pp.DubinsCar(slip=slip), x_init=x, steps=10).x
+        return infinity.drive(mpc, infinity.SimulatedCar(pp.DubinsCar(slip=slip), x), steps=10).x
 
     x = infinity.waypoints()[:2] + torch.tensor([0.03, -0.02, 0.01, 0.02])
     leaves = [x, Q.diagonal().clone(), torch.tensor(0.1)]

@@ -152,9 +152,9 @@ def test_cars_that_steer_by_their_estimate_are_close_and_consistent(kind, bound)
     options = {"generator": torch.Generator().manual_seed(0)} if kind is PF else {}
     mpc, estimator = pp.infinity.controller(car), functools.partial(kind(car), **options)
     mpc.stepper = pp.utils.ReduceToBason(steps=4)
-    loop = {"x_init": pp.infinity.waypoints()[0].expand(16, 4), "steps": 60, "generator": g}
-    loop |= {"process_noise": 0.005, "observation_noise": 0.163}
-    run = pp.infinity.drive(mpc, car, estimator, **loop)
+    start = pp.infinity.waypoints()[0].expand(16, 4)
+    world = pp.infinity.SimulatedCar(car, start, 0.005, 0.163, g)
+    run = pp.infinity.drive(mpc, world, estimator, steps=60)
     truth = run.x[:, :-1]
     assert run.finished.all()
     assert (run.estimate - truth)[run.running][:, :2].norm(dim=-1).mean() < bound

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from pypose_lite.infinity import controller, drive
+from pypose_lite.infinity import SimulatedCar, controller, drive
 from pypose_lite.lie import se2_compose, se2_exp
 from pypose_lite.splines.planner import local_plan, path
 from pypose_lite.utils import ReduceToBason
@@ -143,8 +143,8 @@ def test_a_lap_that_aims_at_its_plan_strays_less_and_steers_more_calmly(waypoint
     mpc = controller(T=5, dtype=F64)
     mpc.stepper = ReduceToBason(steps=3)
     beside = waypoints[0] + torch.tensor([[0.0, 0, 0, 0], [0.3, 0.1, 0, 0]], dtype=F64)
-    hops = drive(mpc, x_init=waypoints[:1], steps=60)
-    planned = drive(mpc, aim=ahead, x_init=beside, steps=90)
+    hops = drive(mpc, SimulatedCar(x_init=waypoints[:1]), steps=60)
+    planned = drive(mpc, SimulatedCar(x_init=beside), aim=ahead, steps=90)
     assert hops.finished.all() and planned.finished.all()
     later = [off_circles(run.x[:, :-1])[run.running & (run.goal > 2)] for run in (hops, planned)]
     assert later[1].max() < 0.06 < later[0].max()

@@ -82,7 +82,7 @@ from .space import (
     so3_matrix,
     so3_normalize,
 )
-from .tensor import SE3, SO3, LieTensor, se3, so3
+from .tensor import SE3, SO3, LieAlgebra, LieGroup, LieTensor, se3, so3
 
 __all__ = [
     "Act",
@@ -90,6 +90,8 @@ __all__ = [
     "AdjT",
     "Exp",
     "Inv",
+    "LieAlgebra",
+    "LieGroup",
     "LieTensor",
     "Log",
     "Mul",

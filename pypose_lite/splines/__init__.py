@@ -1,12 +1,23 @@
-"""Smooth curves through waypoints and poses: `chspline`, `bspline`, and what a car asks of them.
+"""Smooth curves through waypoints and poses, and what a car asks of them.
 
-``chspline(points, interval)`` and ``bspline(data, interval)`` give samples; `hermite` and
-`uniform_bspline` give the curve itself, to be evaluated anywhere: ``spline(t, derivative=1)``.
+| curve                        | passes its points | continuous      | a point is felt   |
+|------------------------------|-------------------|-----------------|-------------------|
+| `chspline` (Catmull-Rom)     | yes               | tangent         | in four segments  |
+| `cubic_spline` (natural ...) | yes               | curvature, too  | everywhere        |
+| `bspline` (uniform B-spline) | no                | curvature, too  | in four segments  |
+| `planner.path`               | yes, with heading | direction       | in two segments   |
+
+``chspline(points, interval)`` and ``bspline(data, interval)`` give samples; `hermite`,
+`cubic_spline`, `uniform_bspline` and `planner.path` give a `Spline`, to be evaluated anywhere:
+``spline(t, derivative=1)``.
 """
 
-from .cubic import bspline, chspline, hermite, hermite_segments, uniform_bspline
+from .b_spline import bspline, uniform_bspline
+from .cubic_hermite import chspline, hermite, hermite_segments
 from .curve import Spline
-from .geometry import arc_length, curvature, evenly_spaced, heading, parameter_at
+from .geometry import curvature, heading
+from .length import arc_length, evenly_spaced, parameter_at
+from .natural_cubic import cubic_spline
 from .planner import local_plan
 
 __all__ = [
@@ -14,12 +25,12 @@ __all__ = [
     "arc_length",
     "bspline",
     "chspline",
+    "cubic_spline",
     "curvature",
     "evenly_spaced",
     "heading",
     "hermite",
     "hermite_segments",
-    "parameter_at",
     "local_plan",
     "parameter_at",
     "uniform_bspline",

@@ -1,18 +1,24 @@
 """A local plan: from where the car is, a smooth path through the waypoints that lie ahead.
 
-The path leaves the car in the car's direction and passes every waypoint in the waypoint's. A
-shift of the start therefore bends it up to the next waypoint only: there it has merged into the
-path of a car without a shift. The book's chapter on splines draws both.
+It is what the closed loop aims at: an MPC is given the states of `local_plan`, in every step anew.
+First `_ahead` puts the car's state before the waypoints that are left; then `path` joins them by
+cubic Hermite segments that leave the car in the car's direction and pass every waypoint in the
+waypoint's; last, states are taken from the path at equal distances.
+
+A tangent belongs to one place only. So a shift of the car bends the path up to the next waypoint,
+and there it has merged, exactly, into the path of a car without a shift. The book's chapter on
+splines draws both.
 """
 
 import torch
 from torch import Tensor
 
 from ..lie.taylor import safe_norm
-from ..shapes import check
-from .cubic import hermite_segments
+from ..shapes import check, has_numbers
+from .cubic_hermite import hermite_segments
 from .curve import Spline
-from .geometry import heading, parameter_at
+from .geometry import heading
+from .length import parameter_at
 
 
 def local_plan(
@@ -38,7 +44,7 @@ def local_plan(
     states = _ahead(x, waypoints, index)
     curve = path(states)
     t = parameter_at(curve, spacing * torch.arange(count, dtype=x.dtype, device=x.device))
-    segment = t.detach().long().clamp(max=curve.segments - 1)
+    segment, _ = curve.locate(t)
     arriving = states[..., 1:, 2:].take_along_dim(segment[..., None], -2)
     return torch.cat([curve(t), heading(curve(t, derivative=1), still=arriving)], -1)
 
@@ -66,11 +72,12 @@ def _ahead(x: Tensor, waypoints: Tensor, index: Tensor | int) -> Tensor:
     """Each car's state and the waypoints before it (..., M, 4), the last one repeated."""
     index = torch.as_tensor(index, device=x.device)
     K = check("waypoints: K n, x: n, index:", waypoints, x, index.to(x.dtype), n=4)["K"]
-    if index.is_floating_point() or ((index < 0) | (index >= K)).any():
+    known = has_numbers(index)
+    if index.is_floating_point() or known and ((index < 0) | (index >= K)).any():
         raise ValueError(f"index: expected whole numbers from 0 to {K - 1}, got {index.tolist()}")
     batch = torch.broadcast_shapes(x.shape[:-1], waypoints.shape[:-2], index.shape)
-    left = K - int(index.min())
-    number = (index[..., None] + torch.arange(left, device=index.device)).clamp(max=K - 1)
+    left = K - int(index.min()) if known else K
+    number = (index[..., None] + torch.arange(left, device=index.device)).clamp(0, K - 1)
     number = number.expand(*batch, left)[..., None]
     chosen = waypoints.expand(*batch, K, 4).take_along_dim(number, -2)
     return torch.cat([x.expand(*batch, 4)[..., None, :], chosen], -2)

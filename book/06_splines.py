@@ -209,8 +209,8 @@ for function in (splines.hermite, splines.hermite_segments, splines.Spline.local
 
 # %% [markdown]
 # The library keeps a curve as a `Spline`. Each piece has a start and *three steps*, and three
-# functions say how much of each step is done at $u$ (the weights, in `local`; the lines with `SE3`
-# are for poses, later):
+# functions say how much of each step is done at $u$ (the weights, in `local`; the lines with a
+# group are for poses, later):
 #
 # $$
 # p(u) = \text{start} + \lambda_1(u)\, s_1 + \lambda_2(u)\, s_2 + \lambda_3(u)\, s_3
@@ -250,7 +250,7 @@ for j in range(4):  # lambda_{j+1} ends as lambda_j starts
 b[0] = 1  # the first step ends done
 table = torch.linalg.solve(M.reshape(12, 12), b).reshape(3, 4)
 print((6 * table).round().int())
-library = torch.tensor(splines.cubic.UNIFORM)
+library = torch.tensor(splines.b_spline.UNIFORM)
 claim("same_table", (table - library).abs().max(), below=1e-12)
 
 # %% [markdown]

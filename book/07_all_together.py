@@ -688,6 +688,6 @@ claim("dog_strays", wander(walk.x).mean(), below=0.07, unit="m")
 # **Further reading.** Bar-Shalom, Li and Kirubarajan {cite}`barshalom2001` on why an estimator's
 # error is independent of its estimate; Anderson and Moore {cite}`anderson1990`, chapter 8, on what
 # that means for control: the separation of planning and estimating, which is exact for linear
-# systems, and here nearly so; the source of `pypose_lite/planner.py`.
+# systems, and here nearly so; the source of `pypose_lite/splines/planner.py`.
 #
 # Next: chapter 8 learns through this loop.

@@ -13,170 +13,298 @@
 # %% [markdown]
 # # Dynamic systems
 #
-# A robot that plans has to know what its commands will do. In this chapter you write that down for
-# a small car, in three lines of mathematics and a few of torch, and everything in this book stands
-# on those lines.
+# Nobody steers a Mars rover with a joystick: a radio signal needs between 3 and 22 minutes to
+# reach it. The drivers send the commands of a whole day at once, and choose them by predicting
+# where each of them will take the rover. The lane assistant of a car, a crane that must not swing
+# its load and a drone in a gust of wind ask the same question many times a second: *if I do this
+# now, what happens next?* What answers this question is a model of a
+# {term}`dynamic system <dynamical system>`. <!-- given: 3 and 22 minutes, 22 minutes -->
 #
-# After it you can
+# In this chapter you write such a model for a small car, in three equations and a few lines of
+# torch. All other chapters use it. After this one you can
 #
-# - say what a state, an input and an observation are, and which time step each belongs to;
-# - write a system as the paper {cite}`pypose06` does, and step one car or a thousand in one call;
-# - make it linear at a point, and test that the matrices are right;
-# - find three common faults by one plot;
-# - learn an unknown number of the car from a recorded drive.
+# - name the state, the input and the observation of a system, and the time step of each;
+# - turn a differential equation into a model in discrete time, and write it as a class;
+# - linearise a model, and test that its Jacobians are right;
+# - say whether a linear model can be steered everywhere, and whether an equilibrium is stable.
 #
-# You need Python, a first acquaintance with torch tensors, and what a derivative is. Take about
-# 90 minutes. The chapter reproduces the paper's equations (1) and (2) and its first two listings.
-# <!-- given: 90 minutes -->
+# You need Python, a first acquaintance with torch tensors, matrices and eigenvalues, and
+# derivatives. Take about 60 minutes. The chapter follows section III-A of the paper
+# {cite}`pypose06`: its equations (1) and (2), its first two listings, and the two panels of its
+# Fig. 2, still without a controller. <!-- given: 60 minutes -->
 
-# %%
+# %% tags=["setup"]
 import inspect
 import math
 
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import display
+from IPython.display import Code, display
+from matplotlib.patches import Arc, FancyArrowPatch, Polygon, Rectangle
 
 import pypose_lite as pp
-from pypose_lite import go1, infinity
+from pypose_lite import infinity
 from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()
-torch.set_default_dtype(torch.float64)  # so that no error we see is rounding
-dt = 0.1  # s, one time step
+torch.set_default_dtype(torch.float64)  # so that no error that we see is rounding
+torch.set_printoptions(precision=3, sci_mode=False)
+
+# %% [markdown]
+# This is the example of the whole book. Two circles of radius 1 m touch at the origin. A car
+# starts there, facing down. It drives around the right circle counter-clockwise and then around
+# the left one clockwise, and so draws an infinity sign. Each circle takes 64 steps of 0.1 s. The
+# car must therefore turn by $2\pi$ in $64 \cdot 0.1$ s. On a circle of radius 1 m its speed in m/s
+# is the same number as its turn rate in rad/s. <!-- given: 64 steps, 0.1 s -->
+
+# %%
+dt = 0.1  # s, the length of one time step
+steps = 64  # for once around a circle
+turn_rate = 2 * math.pi / (steps * dt)  # rad/s
+speed = 1.0 * turn_rate  # m/s, on a circle of radius 1 m
+right_circle = torch.tensor([[speed, turn_rate]] * steps)
+left_circle = torch.tensor([[speed, -turn_rate]] * steps)
+inputs = torch.cat([right_circle, left_circle])
+start = infinity.waypoints()[0]
 
 
-# %% tags=["hide-input"]
-def roll(car, x, u):
-    """The states of a car that is given the inputs u one after the other."""
-    states = [x]
-    for i in range(u.shape[-2]):
-        states.append(car(states[-1], u[..., i, :])[0])
+def drive(car, state, inputs):
+    """Returns the states of a car that is given the inputs one after the other."""
+    states = [state]
+    for u in inputs:
+        state, observation = car(state, u)
+        states.append(state)
     return torch.stack(states, dim=-2)
 
 
-turn = 2 * math.pi / (64 * dt)  # rad/s: once around in 64 steps
-u = torch.tensor([[turn, turn]] * 64 + [[turn, -turn]] * 64)  # speed = 1 m x turn
-fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.8), width_ratios=[1.5, 1])
-x = roll(pp.DubinsCar(dt), infinity.waypoints()[0], u)
-plotting.plot_states(plotting.plot_course(left), x, label="car")
-fig.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=3)
-right.plot(dt * torch.arange(128), u, label=["speed (m/s)", "turn rate (rad/s)"])
-right.set(xlabel="time (s)", ylabel="input", ylim=(-1.2, 1.7))
-right.legend(loc="upper right")
-plt.show()
-claim("hand_error", infinity.tracking_error(x).max(), below=0.06, unit="m")
-claim("hand_end", x[-1, :2].norm(), below=1e-9, unit="m")
+ideal = drive(pp.DubinsCar(dt), start, inputs)
+
+# %% tags=["hide-input"]
+fig, (top, bottom) = plt.subplots(2, 1, figsize=(7, 6), height_ratios=[1.8, 1])
+plotting.plot_states(plotting.plot_course(top), ideal, label="car, one dot a step")
+top.legend(loc="upper center", bbox_to_anchor=(0.5, 1.17), ncols=3)
+time = dt * torch.arange(len(inputs))
+bottom.step(time, inputs[:, 0], where="post", label="speed (m/s)")
+bottom.step(time, inputs[:, 1], "--", where="post", label="turn rate (rad/s)")
+bottom.set(xlabel="time (s)", ylabel="input", ylim=(-1.3, 1.6))
+bottom.legend(loc="lower left")
+plotting.show(
+    fig,
+    "Above: a car drives along two touching circles, past 17 waypoints, dot by "
+    "dot. Below: its speed is constant, its turn rate changes sign after half of "
+    "the time.",
+)
+
+# %% tags=["claims"]
+claim("hand_error", infinity.tracking_error(ideal).max(), below=0.06, unit="m")
+claim("hand_end", ideal[-1, :2].norm(), below=1e-9, unit="m")
+places = torch.unique(infinity.waypoints()[:, :2].round(decimals=6) + 0.0, dim=0)
+claim("dots", len(places), equals=15)
 
 # %% [markdown]
-# This is the example of the whole book: a car that draws an infinity sign. Two circles of radius
-# 1 m touch at the origin. The car starts there, facing down, goes around the right circle
-# counter-clockwise, then around the left one clockwise. The 17 red waypoints are 45 degrees apart;
-# the first, the middle and the last lie on each other.
-#
-# No computer was needed for the inputs on the right. Once around in 64 steps of 0.1 s takes a turn
-# rate of $2\pi / (64 \cdot 0.1)$ rad/s. On a circle of radius 1 m the speed in m/s is the same
-# number. Unfold the code above the figure: `u` holds these inputs, and `roll` gives them to a car
-# one after the other. Both will be used again and again.
-#
-# The car is at most {claim}`hand_error` from the path. Hold on to that number: the inputs were
-# exact, so why is it not zero?
+# The broad curve is the path. The large dots are the 17 waypoints of the paper, 45 degrees apart.
+# The first, the middle and the last one lie on each other, so that you see only {claim}`dots` of
+# them. At its steps the car is at most {claim}`hand_error` from the path. Remember that number: we
+# computed the inputs exactly, so why is it not zero?
 
 # %% [markdown]
-# ## See it fail
+# ## It fails: the same inputs, a car that slips
 #
-# Nobody looked where the car went. Inputs that are fixed beforehand are called *open loop*, and
-# they work as long as the car is exactly the one that we thought of. Let its wheels slip, so that
-# they lose 5 % of the turn rate. <!-- given: 5 % -->
+# We fixed the inputs before the car started and never looked where it went. Such control is called
+# {term}`open loop`. It works as long as the car behaves exactly as we assumed. Now let the wheels
+# slip a little, so that the car loses 5 % of each turn rate. <!-- given: 5 % -->
 #
-# **Predict.** After the lap, how far from the start does the slipping car stop: about 5 cm, about
-# 30 cm, or more than half a metre? <!-- given: 5 cm, 30 cm -->
+# **Predict.** After the lap, how far from its start does the slipping car stop: about 5 cm, about
+# 30 cm, or more than half a metre? <!-- given: 5 cm, 30 cm, half a metre, half -->
 
-# %%
-slipping = roll(pp.DubinsCar(dt, slip=0.05), x[0], u)
-fig, ax = plt.subplots(figsize=(7, 3.6))
-plotting.infinity_axes(ax).set_ylim(-1.3, 2.2)
-curve = infinity.reference(torch.linspace(0, infinity.LENGTH, 200))
-plotting.plot_reference(ax, curve)
-plotting.plot_waypoints(ax, infinity.waypoints())
-plotting.plot_states(ax, slipping, label="5 % slip")
+# %% tags=["answer", "hide-input"]
+slipping = drive(pp.DubinsCar(dt, slip=0.05), start, inputs)
+fig, ax = plt.subplots(figsize=(7, 4.2))
+plotting.plot_course(ax).set_ylim(-1.3, 2.4)
+plotting.plot_states(ax, slipping, label="car with 5 % slip")
 ax.legend(loc="upper center", ncols=3)
-plt.show()
+plotting.show(
+    fig,
+    "The slipping car leaves the path in its first circle and stops far away.",
+)
+
+# %% tags=["answer", "claims"]
 claim("slip_end", slipping[-1, :2].norm(), above=0.5, unit="m")
-claim("slip_error", infinity.tracking_error(slipping).max(), above=0.5, unit="m")
+c, s = slipping[64, 2:]
+heading_error = (torch.atan2(s, c) + math.pi / 2).abs().rad2deg()
+claim("slip_heading", heading_error, equals=18, within=0.01, unit="degrees")
+
+# %% [markdown] tags=["answer"]
+# More than half a metre: {claim}`slip_end`. A small error of the turn rate adds up. After the
+# first circle the heading is wrong by {claim}`slip_heading`, and the car drives all the rest of
+# its lap in a wrong direction. <!-- given: half a metre, half -->
 
 # %% [markdown]
-# <details><summary>Answer</summary>
-#
-# More than half a metre: {claim}`slip_end`. A turn rate that is a little too small is not a small
-# error in position. The missing angle grows step by step, and the car drives along the wrong
-# heading ever after.
-#
-# </details>
-#
-# Chance does it too. Disturb every component of the state by a random number in every step, with a
-# standard deviation of 0.005: this is the book's *process noise*, and it never stops.
-#
-# **Predict.** A thousand cars drive four laps with noise instead of one. Does their mean distance
-# from the noiseless car become twice, four times or eight times as large?
-
-
-# %%
-def shaken(u):
-    """States of 1000 noisy cars, and their mean distance from the noiseless one."""
-    car, states = pp.DubinsCar(dt), [x[0].expand(1000, 4)]
-    generator = torch.Generator().manual_seed(1)
-    for i in range(len(u)):
-        w = 0.005 * torch.randn(1000, 4, generator=generator)
-        states.append(car(states[-1], u[i])[0] + w)
-    states = torch.stack(states, dim=1)
-    return states, (states - roll(car, x[0], u))[..., :2].norm(dim=-1).mean(0)
-
-
-laps = torch.cat([u] * 4)
-noisy, on_laps = shaken(laps)
-_, on_road = shaken(laps * torch.tensor([1, 0]))  # the same speed, straight ahead
-claim("noise_one_lap", on_laps[128], above=0.08, below=0.12, unit="m")
-claim("noise_growth", on_laps[512] / on_laps[128], above=1.7, below=2.4)
-claim("noise_growth_straight", on_road[512] / on_road[128], above=6, below=9)
+# The cure is {term}`feedback`: inputs that are computed from where the car is. Chapters 2 and 3
+# are about feedback, and both compute it from a model that says what each possible input would do.
+# This chapter is about that model.
 
 # %% [markdown]
-# <details><summary>Answer</summary>
+# ## The idea: state, input and observation
 #
-# About twice ({claim}`noise_growth`, from {claim}`noise_one_lap` after one lap). Independent errors
-# partly cancel: their sum grows like the square root of their number. But whoever said eight knew
-# something too. On a straight road the factor is {claim}`noise_growth_straight`, because a wrong
-# heading, itself such a sum, leads ever further aside. On circles it leads around and back.
-#
-# </details>
-#
-# Inputs that look at the car are the cure, and chapters 2 and 3 are about them. Both need a model
-# of the car that they can ask "what if?". That model is our subject here.
+# What do we have to know about the car *now* to predict where it will be? Its position $(i, j)$ in
+# metres and its heading $\theta$ in radians, counter-clockwise from the $i$ axis. How it came
+# there does not matter any more. Numbers with this property are called the {term}`state` of a
+# system. The {term}`input` is what we choose: for the car its speed $v$ in m/s and its turn rate
+# $\varphi$ in rad/s. The {term}`observation` is what the sensors report. For the moment they
+# report all of the state.
+
+
+# %% tags=["hide-input"]
+def draw_car(ax, i, j, theta):
+    """Draws a car with a pointed nose and two wheels beside its centre."""
+    c, s = math.cos(theta), math.sin(theta)
+    turned = torch.tensor([[c, s], [-s, c]])
+    wheel = torch.tensor([[-0.1, -0.04], [0.1, -0.04], [0.1, 0.04], [-0.1, 0.04]])
+    aside = torch.tensor([0.0, 0.25])
+    body = [[-0.4, -0.2], [0.2, -0.2], [0.5, 0.0], [0.2, 0.2], [-0.4, 0.2]]
+    shapes = [(torch.tensor(body), 0.35), (wheel - aside, 1.0), (wheel + aside, 1.0)]
+    for shape, shade in shapes:
+        corners = shape @ turned + torch.tensor([i, j])
+        look = {"facecolor": plotting.GREY, "edgecolor": "black", "alpha": shade}
+        ax.add_patch(Polygon(corners, zorder=3, **look))
+
+
+def draw_arrow(ax, tail, tip, color="black", **options):
+    """Draws a straight or bent arrow from one point to another."""
+    look = {"arrowstyle": "-|>", "mutation_scale": 16, "lw": 2, "zorder": 5}
+    ax.add_patch(FancyArrowPatch(tail, tip, color=color, **(look | options)))
+
+
+# %% tags=["hide-input"]
+def draw_speeds(ax, here, theta):
+    """Draws the heading and the two inputs of a car, and the way it cannot go."""
+    ahead = torch.tensor([math.cos(theta), math.sin(theta)])
+    left = torch.tensor([-math.sin(theta), math.cos(theta)])
+    bend = {"connectionstyle": "arc3,rad=0.35"}
+    below = here + torch.tensor([0.75, -0.1])
+    draw_arrow(ax, here, here + 1.3 * ahead, plotting.BLUE)
+    draw_arrow(ax, here - 0.6 * left, below, plotting.RED, **bend)
+    draw_arrow(ax, here + 0.5 * left, here + 1.0 * left, plotting.GREY)
+    cross = {"ms": 16, "mew": 3, "color": plotting.RED, "zorder": 6}
+    ax.plot(*(here + 0.72 * left), "x", **cross)
+    ax.add_patch(Arc(tuple(here), 1.8, 1.8, theta2=math.degrees(theta), lw=1.5))
+    ax.text(2.47, 1.08, r"heading $\theta$", size=13)
+    ax.text(2.0, 1.75, "speed $v$", size=13, color=plotting.BLUE)
+    ax.text(2.25, 0.5, r"turn rate $\varphi$", size=13, color=plotting.RED)
+    ax.text(0.1, 1.85, "never sideways", size=13, color=plotting.GREY)
+
+
+# %% tags=["hide-input"]
+fig, ax = plt.subplots(figsize=(7, 4.2))
+draw_car(ax, 1.5, 0.9, theta=0.6)
+draw_speeds(ax, torch.tensor([1.5, 0.9]), theta=0.6)
+ax.plot([1.5, 1.5, 0], [0, 0.9, 0.9], ":", color=plotting.GREY)
+ax.plot([1.5, 3.1], [0.9, 0.9], "--", color=plotting.GREY)
+ax.plot(1.5, 0.9, "o", color="black", zorder=6)
+ax.text(0.05, 0.95, "$j$", size=13)
+ax.text(1.54, 0.04, "$i$", size=13)
+ax.set(aspect="equal", xlim=(0, 3.6), ylim=(0, 2.2), xlabel="i (m)", ylabel="j (m)")
+plotting.show(
+    fig,
+    "A car seen from above at the point (i, j). Its heading theta is the angle "
+    "from the i axis to its nose. Its speed v points along the heading, its turn "
+    "rate phi around its centre. An arrow to its side is crossed out.",
+)
 
 # %% [markdown]
-# ## From scratch
+# The velocity of the car always points along its heading: the car cannot slide sideways. Still it
+# can reach every position with every heading if it manoeuvres, as drivers do when they park. A
+# constraint of this kind, which forbids velocities but no positions, is called
+# {term}`nonholonomic <nonholonomic system>`.
 #
-# What happens to the car in a tenth of a second? It turns a little, then it drives a little in the
-# direction in which it now looks. That is the whole model.
+# The paper calls the model `DubinsCar`. Strictly, a Dubins car {cite}`dubins1957` only drives
+# forward, and its circles have a smallest radius. Ours may also drive backward and turn on the
+# spot, which makes it a {term}`unicycle`; we keep the paper's name.
 
-
-# %%
-def step(i, j, theta, v, phi):
-    theta = theta + phi * dt  # turn,
-    i = i + v * math.cos(theta) * dt  # then drive along the new heading
-    j = j + v * math.sin(theta) * dt
-    return i, j, theta
-
-
-pose = (0.0, 0.0, 0.0)  # at the origin, looking along i
-for _ in range(16):
-    pose = step(*pose, v=turn, phi=turn)
-print("after a quarter circle: i = {:.3f}, j = {:.3f}, theta = {:.3f}".format(*pose))
-claim("quarter_offset", math.hypot(pose[0] - 1, pose[1] - 1), below=0.08, unit="m")
+# %% tags=["claims"]
+on_the_spot, _ = pp.DubinsCar(dt)(start, torch.tensor([0.0, 1.0]))
+claim("spot_way", (on_the_spot - start)[:2].norm(), equals=0, unit="m")
+claim("spot_turn", (on_the_spot - start)[2:].norm(), above=0.09)
+backward, _ = pp.DubinsCar(dt)(start, torch.tensor([-1.0, 0.0]))
+claim("backward", backward[1] - start[1], equals=0.1, within=1e-12, unit="m")
 
 # %% [markdown]
-# With the three lines in front of us, the equations, with $k$ counting the steps:
+# Computers read sensors and send commands at fixed times, so we count steps, $k = 0, 1, 2, \dots$
+# All systems of this book are {term}`state-space models <state-space model>` in discrete time, the
+# paper's equation (1):
+#
+# $$
+# \begin{aligned}
+# x_{k+1} &= f(x_k, u_k, t_k) + w_k \\
+# y_k &= g(x_k, u_k, t_k) + n_k
+# \end{aligned}
+# $$ (eq-1-system)
+#
+# Here $x_k$ is the state, $u_k$ the input and $y_k$ the observation in step $k$. The
+# *transition* $f$ says how the state moves on, and the *observation function* $g$ says what
+# the sensors see of it. Both may depend on the time $t_k$; those of the car do not. The
+# {term}`process noise` $w_k$ and the {term}`observation noise` $n_k$ stand for all that the model
+# does not know. (The paper writes $v_k$ for $n_k$; our $v$ is the speed.)
+
+
+# %% tags=["hide-input"]
+def draw_diagram(ax):
+    """Draws the boxes and the lines of a state-space model."""
+    boxes = [(2, 2.6, "$f$"), (6.4, 2.6, "one step\nlater"), (6.4, 0.6, "$g$")]
+    for i, j, text in boxes:
+        ax.add_patch(Rectangle((i - 0.75, j - 0.4), 1.5, 0.8, fc="white", ec="black"))
+        ax.text(i, j, text, ha="center", va="center", size=13)
+    arrows = [((0, 2.8), (1.25, 2.8)), ((2.75, 2.6), (3.8, 2.6))]
+    arrows += [((4.2, 2.6), (5.65, 2.6)), ((4, 3.7), (4, 2.8))]
+    arrows += [((8.2, 1.5), (8.2, 0.8)), ((7.15, 0.6), (8.0, 0.6))]
+    arrows += [((8.4, 0.6), (9.6, 0.6)), ((0.6, 0.6), (5.65, 0.6))]
+    arrows += [((0.9, 2.4), (1.25, 2.4)), ((6.4, 1.55), (6.4, 1.0))]
+    for tail, tip in arrows:
+        draw_arrow(ax, tail, tip, shrinkA=0, shrinkB=0, lw=1.5)
+    ax.plot([0.6, 0.6], [2.8, 0.6], "k", lw=1.5)
+    ax.plot([6.4, 6.4, 0.9, 0.9], [2.2, 1.55, 1.55, 2.4], "k", lw=1.5)
+    ax.plot([0.6, 6.4], [2.8, 1.55], "ko", ms=5)
+    ax.plot([4, 8.2], [2.6, 0.6], "o", ms=16, mfc="white", mec="black", zorder=6)
+
+
+# %% tags=["hide-input"]
+fig, ax = plt.subplots(figsize=(7, 3.6))
+draw_diagram(ax)
+names = [(0, 3.0, "$u_k$"), (3.5, 3.5, "$w_k$"), (4.4, 2.85, "$x_{k+1}$")]
+names += [(3, 1.7, "$x_k$"), (8.35, 1.4, "$n_k$"), (9.1, 0.8, "$y_k$")]
+for i, j, text in names:
+    ax.text(i, j, text, size=13)
+for i, j in ((4, 2.6), (8.2, 0.6)):
+    ax.text(i, j, "+", size=13, ha="center", va="center", zorder=7)
+ax.set(xlim=(-0.1, 9.8), ylim=(0, 3.9), aspect="equal")
+ax.axis("off")
+plotting.show(
+    fig,
+    "Block diagram. Input and state enter f; process noise is added; the sum is "
+    "the next state, which becomes the state one step later. Input and state "
+    "also enter g; observation noise is added; the sum is the observation.",
+)
+
+# %% [markdown]
+# Follow the state through the diagram. In step $k$ both $f$ and $g$ receive the *same* state
+# $x_k$, so the observation $y_k$ belongs to the state before the step. Chapters 4 and 5 rely on
+# this.
+
+# %% [markdown]
+# ## Derived: three equations for the car
+#
+# We begin in continuous time. A dot stands for the derivative with respect to time. The heading
+# changes at the turn rate, and the position changes at the speed $v$ in the direction of the
+# heading:
+#
+# $$ \dot\theta = \varphi, \quad \dot i = v \cos\theta, \quad \dot j = v \sin\theta $$ (eq-1-rates)
+#
+# A computer holds the input constant during each step of length $\Delta t$. The heading then
+# changes by exactly $\varphi \, \Delta t$. The position moves by $v \, \Delta t$ along the
+# heading, but the heading changes on the way. The simplest choice takes one heading for the whole
+# step, and the paper takes the new one. These are its equations (2):
 #
 # $$ \theta_{k+1} = \theta_k + \varphi_k \, \Delta t $$ (eq-1-turn)
 #
@@ -184,64 +312,544 @@ claim("quarter_offset", math.hypot(pose[0] - 1, pose[1] - 1), below=0.08, unit="
 #
 # $$ j_{k+1} = j_k + v_k \sin\theta_{k+1} \, \Delta t $$ (eq-1-j)
 #
-# $i$ and $j$ are the position in metres, $\theta$ is the heading in radians, counter-clockwise from
-# the $i$ axis. Together they are the *state*: all that we have to know of the past to predict the
-# future. $v$ is the speed in m/s and $\varphi$ the turn rate in rad/s. Together they are the
-# *input*: what we may choose. $\Delta t$ is `dt`. A car like this is named after Dubins
-# {cite}`dubins1957`; it cannot go sideways and has to turn to get anywhere but straight ahead.
-#
-# The quarter of a circle missed the point $(1, 1)$ by {claim}`quarter_offset`, and here is the
-# answer to the question from above. A real car turns *while* it drives; ours turns first. So its
-# circle is rotated by half of one step's turn. Models with time steps have such errors. Feedback
-# forgives them, as we shall see; a sharper model or a smaller $\Delta t$ would shrink them.
-#
-# One thing is still unpleasant: $\theta = \pi$ and $\theta = -\pi$ are the same heading but
-# different numbers. The mean of 179° and -179° is 0°, the opposite of what is meant.
-# <!-- given: 179°, -179°, 0° -->
-# The paper therefore keeps $\cos\theta$ and $\sin\theta$ in the place of $\theta$. The state
-# becomes $x = [i, j, \cos\theta, \sin\theta]$, four numbers without a jump, and the input
-# $u = [v, \varphi]$.
-#
-# Every system of this book then has the same form:
-#
-# $$ x_{k+1} = f(x_k, u_k, t_k) + w_k, \qquad y_k = g(x_k, u_k, t_k) + v_k $$ (eq-1-system)
-#
-# $f$ is the *transition*: for the car, equations {eq}`eq-1-turn` to {eq}`eq-1-j`. $g$ is the
-# *observation*: what sensors see of the state, here all of it. $t_k$ is the time, for systems that
-# change with it. $w_k$ is the process noise that you have met, $v_k$ the noise of the sensors (the
-# paper's letter, not our speed); chapter 4 is about living with both.
+# Replacing a differential equation by such steps is called {term}`discretisation`. It has a price.
+# A real car turns *while* it drives, and its mean direction lies halfway between the old heading
+# and the new one. Ours differs from that by $\varphi \, \Delta t / 2$, here {claim}`half_turn`.
+# Every step is rotated by this angle, so the whole circle is rotated about the point where it
+# starts, and its centre, 1 m away, moves by about {claim}`centre_shift`. That explains the
+# {claim}`hand_error` of the first figure. With steps of half the length the error is also halved:
+# it becomes {claim}`short_step_error`. We say that the discretisation is of first order.
+# <!-- given: half the length, half, halved -->
+
+# %% tags=["claims"]
+half_steps = inputs.repeat_interleave(2, dim=0)
+short_steps = drive(pp.DubinsCar(dt / 2), start, half_steps)
+short_step_error = infinity.tracking_error(short_steps).max()
+claim("half_turn", turn_rate * dt / 2, equals=0.0491, within=1e-4, unit="rad")
+centre = ideal[:64, :2].mean(0)
+shift = (centre - torch.tensor([1.0, 0.0])).norm()
+claim("centre_shift", shift, equals=0.049, within=1e-3, unit="m")
+claim("short_step_error", short_step_error, below=0.03, unit="m")
+ratio = infinity.tracking_error(ideal).max() / short_step_error
+claim("first_order", ratio, equals=2, within=0.05)
 
 # %% [markdown]
-# ## The library's version
+# ## From scratch: a system and its clock
 #
-# In the library a system is a class with two functions, $f$ and $g$. Here is the car's $f$, whole.
-# The numbers at the ends of the lines are those of the equations in its docstring. `unbind(-1)`
-# takes the state apart along its last dimension, so that any number of dimensions may come before
-# it.
+# All systems have the form {eq}`eq-1-system`, so we write that form once: two functions and a
+# clock. Calling the system takes one step. It evaluates both functions at the present state and
+# time, and then advances the clock.
+
 
 # %%
-print(inspect.getsource(pp.DubinsCar.state_transition))
+class SmallSystem:
+    """A state-space model; a subclass defines state_transition and observation."""
 
-mine = [(0.0, 0.0, -math.pi / 2)]
-for v, phi in u.tolist():
-    mine.append(step(*mine[-1], v, phi))
-i, j, theta = torch.tensor(mine).unbind(-1)
-difference = torch.stack([i, j, theta.cos(), theta.sin()], dim=-1) - x
-claim("agrees_with_ours", difference.abs().max(), below=1e-12)
+    def __init__(self):
+        self.t = 0
+
+    def __call__(self, x, u):
+        x_next = self.state_transition(x, u, self.t)
+        y = self.observation(x, u, self.t)
+        self.t = self.t + 1
+        return x_next, y
+
 
 # %% [markdown]
-# Calling the car takes one step: `x_next, y = car(x, u)`. This is all that a call does:
+# The car is a subclass. The numbers at the ends of its lines are those of the equations.
+
 
 # %%
-print(inspect.getsource(pp.System.forward).split('"""')[2])
-print(inspect.getsource(pp.System._tick))
+class SmallCar(SmallSystem):
+    def state_transition(self, x, u, t):
+        i, j, theta = x
+        v, phi = u
+        theta_next = theta + phi * dt  # (1.3)
+        i_next = i + v * torch.cos(theta_next) * dt  # (1.4)
+        j_next = j + v * torch.sin(theta_next) * dt  # (1.5)
+        return torch.stack([i_next, j_next, theta_next])
+
+    def observation(self, x, u, t):
+        return x
+
 
 # %% [markdown]
-# It checks the shapes, calls $f$ and $g$, and then the clock ticks. Nothing else ticks it. Note
-# which state the observation is made of: the *old* one. `y[i]` belongs to `x[i]`, not to `x[i+1]`.
-# All filters of chapters 4 and 5 rest on this, and "Break it" shows what an error here costs.
+# Our own class drives the lap of the first figure:
+
+# %%
+small_car = SmallCar()
+small_start = torch.tensor([0.0, 0.0, -math.pi / 2])  # at the origin, facing down
+small_states = drive(small_car, small_start, inputs)
+print("the clock shows", small_car.t)
+print("the last state is", small_states[-1])
+
+# %% tags=["claims"]
+i, j, theta = small_states.unbind(-1)
+small_ideal = torch.stack([i, j, theta.cos(), theta.sin()], dim=-1)
+claim("small_clock", small_car.t, equals=128)
+claim("agrees_with_ours", (small_ideal - ideal).abs().max(), below=1e-12)
+
+# %% [markdown]
+# ## Linearisation: the car near one state
 #
-# Your own system is a subclass. This is the paper's listing, word for word:
+# Mathematics can answer most questions about linear systems, and near one point every smooth $f$
+# is almost linear. Change the state by a small $\delta x$ and the input by a small $\delta u$.
+# Taylor's theorem says
+#
+# $$
+# \begin{aligned}
+# f(x + \delta x, u + \delta u) \approx {} & f(x, u) \\
+# & + A \, \delta x + B \, \delta u
+# \end{aligned}
+# $$ (eq-1-linear)
+#
+# $A$ and $B$ are {term}`Jacobians <Jacobian>`, matrices of first derivatives: $A$ with
+# respect to the state, $B$ with respect to the input. Each has one row for each component of the
+# next state. Computing them is called {term}`linearisation`. We do it for the car by hand, with
+# $c = \cos\theta_{k+1}$ and $s = \sin\theta_{k+1}$.
+#
+# The third row holds the derivatives of $\theta_{k+1}$. By {eq}`eq-1-turn`, they are 1 with
+# respect to $\theta_k$ and $\Delta t$ with respect to $\varphi_k$; the others are zero. The first
+# row holds those of $i_{k+1}$. By {eq}`eq-1-i`, they are 1 with respect to $i_k$ and
+# $c \, \Delta t$ with respect to $v_k$. The heading $\theta_{k+1}$ enters through the cosine, with
+# the derivative $-v s \, \Delta t$. The chain rule multiplies it by 1 for $\theta_k$ and by
+# $\Delta t$ for $\varphi_k$. The second row follows from {eq}`eq-1-j` in the same way:
+#
+# $$
+# \begin{aligned}
+# A &= \begin{pmatrix} 1 & 0 & -v s \, \Delta t \\ 0 & 1 & v c \, \Delta t \\
+# 0 & 0 & 1 \end{pmatrix} \\
+# B &= \begin{pmatrix} c \, \Delta t & -v s \, \Delta t^2 \\ s \, \Delta t & v c \, \Delta t^2 \\
+# 0 & \Delta t \end{pmatrix}
+# \end{aligned}
+# $$ (eq-1-jacobians)
+
+
+# %%
+def jacobians_by_hand(theta, v, phi):
+    """Returns A and B of the car with the state [i, j, theta]."""
+    c = math.cos(theta + phi * dt)
+    s = math.sin(theta + phi * dt)
+    A = torch.eye(3)
+    A[0, 2] -= v * s * dt
+    A[1, 2] += v * c * dt
+    B = torch.zeros(3, 2)
+    B[0, 0] += c * dt
+    B[1, 0] += s * dt
+    B[0, 1] -= v * s * dt**2
+    B[1, 1] += v * c * dt**2
+    B[2, 1] += dt
+    return A, B
+
+
+A, B = jacobians_by_hand(theta=0.0, v=1.0, phi=0.0)
+print("A =", A, "B =", B, sep="\n")
+
+# %% [markdown]
+# These matrices belong to a car that drives along the $i$ axis at 1 m/s. Read the second row of
+# $A$: in each step, a tenth of the error of the heading is added to the error of $j$. That is
+# what carried the slipping car away. <!-- given: a tenth -->
+
+# %% [markdown]
+# ## The library's `System`
+#
+# In the library, a model is a subclass of `pp.module.NLS`, a nonlinear system. The two functions
+# are the same; only the base class changes:
+
+
+# %%
+class PoseCar(pp.module.NLS):
+    def state_transition(self, x, u, t):
+        i, j, theta = x.unbind(-1)
+        v, phi = u.unbind(-1)
+        theta_next = theta + phi * dt
+        i_next = i + v * torch.cos(theta_next) * dt
+        j_next = j + v * torch.sin(theta_next) * dt
+        return torch.stack([i_next, j_next, theta_next], dim=-1)
+
+    def observation(self, x, u, t):
+        return x
+
+
+pose_car = PoseCar()
+pose_states = drive(pose_car, small_start, inputs)
+print("the clock shows", pose_car.systime.item())
+pose_car.reset()
+print("after reset it shows", pose_car.systime.item())
+
+# %% [markdown]
+# Calling the library's system does what calling ours did, and it checks the shapes first. Only a
+# call advances the clock. The library also linearises for us, by automatic differentiation:
+
+# %%
+x = torch.tensor([0.0, 0.0, 0.0])
+u = torch.tensor([1.0, 0.0])
+A, B, C, D, c1, c2 = pose_car.linearize(x, u)
+print("A =", A, "B =", B, sep="\n")
+
+# %% tags=["claims"]
+_, first_observation = pose_car(small_start, inputs[0])
+claim("observes_old_state", torch.equal(first_observation, small_start), equals=True)
+difference = (pose_states - small_states).abs().max()
+claim("library_equals_ours", difference, below=1e-12)
+by_hand = jacobians_by_hand(theta=2.0, v=0.7, phi=0.5)
+elsewhere = torch.tensor([1.0, 2.0, 2.0])
+by_library = pose_car.linearize(elsewhere, torch.tensor([0.7, 0.5]))[:2]
+pairs = zip(by_hand, by_library)
+largest = max((ours - theirs).abs().max() for ours, theirs in pairs)
+claim("jacobians_equal_ours", largest, below=1e-12)
+
+# %% [markdown]
+# These are our matrices. $C$ and $D$ are the Jacobians of the observation $g$ with respect
+# to state and input. The two constants complete the linear model, $f \approx A x + B u + c_1$ and
+# $g \approx C x + D u + c_2$.
+#
+# **The heading as cosine and sine.** One detail of our car is unpleasant. The headings
+# $\theta = \pi$ and $\theta = -\pi$ are the same, but the numbers differ by $2\pi$, and a
+# controller that compares the numbers would order a full turn. The paper therefore keeps the
+# cosine and the sine of the heading, so that the state $x = [i, j, \cos\theta, \sin\theta]$ has no
+# jump. The library's car does this. Here is its transition, whole. The lines (1), (2) and (3) are
+# our equations {eq}`eq-1-turn`, {eq}`eq-1-i` and {eq}`eq-1-j`.
+
+# %% tags=["hide-input"]
+Code(inspect.getsource(pp.DubinsCar.state_transition), language="python")
+
+# %% [markdown]
+# `unbind(-1)` takes a tensor apart along its last dimension and leaves the others alone. A tensor
+# of shape `(1000, 4)` is therefore a {term}`batch`: a thousand cars, and one call moves them all
+# by one step. Batch dimensions come first and vectors last, everywhere in the library.
+
+# %% [markdown]
+# ## On the infinity: a thousand cars and noise
+#
+# A car differs from its model by a slip, or by chance. We now disturb every component of the state
+# in every step by a random number with the standard deviation 0.005, the process noise of the
+# whole book.
+
+
+# %%
+def drive_with_noise(car, state, inputs, noise=0.005):
+    """Returns the states of cars that are disturbed in every step."""
+    generator = torch.Generator().manual_seed(1)
+    states = [state]
+    for u in inputs:
+        state, observation = car(state, u)
+        state = state + noise * torch.randn(state.shape, generator=generator)
+        states.append(state)
+    return torch.stack(states, dim=-2)
+
+
+cars = start.expand(1000, 4)
+noisy = drive_with_noise(pp.DubinsCar(dt), cars, inputs)
+
+# %% tags=["hide-input"]
+fig, panels = plt.subplots(2, 1, figsize=(7, 7), sharex=True)
+titles = ["(a) ideal car", "(b) car with noise, among 30 others"]
+for ax, title in zip(panels, titles):
+    plotting.infinity_axes(ax, title)
+    plotting.plot_waypoints(ax, infinity.waypoints())
+plotting.plot_states(panels[0], ideal, label="car")
+i, j = noisy[1:31, :, :2].permute(2, 1, 0)
+others = panels[1].plot(i, j, color=plotting.GREY, lw=0.5)
+others[0].set_label("30 other cars")
+plotting.plot_states(panels[1], noisy[0], label="car")
+for ax in panels:
+    ax.legend(loc="upper center", ncols=3)
+    ax.set_ylim(-1.25, 1.7)
+panels[0].set_xlabel("")
+plotting.show(
+    fig,
+    "Two panels with the 17 waypoints. (a) The ideal car follows the infinity "
+    "sign. (b) Cars with noise drift away from it, each another way.",
+)
+
+# %% mystnb={"markdown_format": "myst"} tags=["hide-input"]
+rows = []
+runs = {"ideal": ideal[None], "5 % slip": slipping[None], "1000 with noise": noisy}
+for name, states in runs.items():
+    error = infinity.tracking_error(states)
+    end = states[:, -1, :2].norm(dim=-1)
+    mean, largest = error.mean(), error.amax(1).mean()
+    rows.append(f"{name} | {mean:.3f} | {largest:.3f} | {end.mean():.3f}")
+display(table("car | mean error (m) | largest (m) | end to start (m)", rows))
+
+# %% tags=["claims"]
+largest = infinity.tracking_error(noisy).amax(1)
+claim("noise_error", largest.mean(), above=0.12, below=0.18, unit="m")
+outside = 100 * (largest > infinity.TOLERANCE).double().mean()
+claim("beyond_tolerance", outside, above=60, unit="%")
+
+# %% [markdown]
+# These are the two panels of the paper's Fig. 2, where a controller steers the car; chapter 3
+# draws them with that controller. The error of a state is its distance from the nearer circle. The
+# largest error of a noisy car in its lap is {claim}`noise_error`, in the mean over a thousand
+# cars, and {claim}`beyond_tolerance` of the cars stray further than the 0.1 m within which this
+# book counts a waypoint as reached. <!-- given: a thousand cars, 0.1 m -->
+
+# %% [markdown]
+# Now you steer. The slider sets the turn rate, to the left in the first circle and to the right in
+# the second. It starts with a car that turns too slowly.
+
+
+# %% tags=["hide-input"]
+def steer(turn_rate, speed=0.98, slip=0.0):
+    left = torch.tensor([[speed, turn_rate]] * 64)
+    right = torch.tensor([[speed, -turn_rate]] * 64)
+    states = drive(pp.DubinsCar(dt, slip), start, torch.cat([left, right]))
+    fig, ax = plt.subplots(figsize=(7, 4.2))
+    plotting.infinity_axes(ax, margin=1.3).set_ylim(-2.4, 3)
+    plotting.plot_waypoints(ax, infinity.waypoints())
+    plotting.plot_states(ax, states, label="car")
+    ax.legend(loc="lower left")
+    return fig
+
+
+widgets.panels(
+    steer,
+    [0.85, 0.92, 0.98, 1.1, 1.5],
+    "turn rate (rad/s)",
+    alt="The way of the car for the chosen turn rate. In the middle of the "
+    "slider it passes the waypoints; at smaller rates its circles do not "
+    "close, at larger ones it turns too far.",
+)
+
+# %% tags=["remove-cell"]
+widgets.live(
+    steer,
+    alt="The way of the car for the chosen turn rate, speed and slip.",
+    turn_rate=ipywidgets.FloatSlider(0.98, min=0.2, max=2.0, step=0.01),
+    speed=ipywidgets.FloatSlider(0.98, min=0.2, max=1.5, step=0.01),
+    slip=ipywidgets.FloatSlider(0.0, min=0.0, max=0.2, step=0.01),
+)
+
+# %% [markdown]
+# ## Controllability: the parked car
+#
+# A waypoint lies half a metre to the left of a parked car. Can the linearised car reach it?
+# <!-- given: half a metre, half -->
+#
+# Near the parked car the deviations of state and input follow a linear model,
+# $x_{k+1} = A x_k + B u_k$. Start it at zero. After three steps it is at
+# $x_3 = B u_2 + A B u_1 + A^2 B u_0$. The inputs are ours to choose, so we can reach all
+# combinations of the columns of $B$, $AB$ and $A^2B$, and nothing else. If these columns span
+# the whole space, the model can reach every state. This property is called {term}`controllability`
+# {cite}`kalman1960control`. For a state of three numbers, further steps add no direction (the
+# theorem of Cayley and Hamilton). So the test is the rank of one matrix:
+
+
+# %%
+def reachable_directions(A, B):
+    """Returns [B, AB, A²B], the controllability matrix for three states."""
+    return torch.cat([B, A @ B, A @ A @ B], dim=-1)
+
+
+# %% [markdown]
+# **Predict.** The state $[i, j, \theta]$ has three numbers. What is the rank for the car that
+# drives at 1 m/s along the $i$ axis, and what for the car that stands: 1, 2 or 3?
+
+# %% tags=["answer"]
+for v in (1.0, 0.0):
+    A, B = jacobians_by_hand(theta=0.0, v=v, phi=0.0)
+    rank = torch.linalg.matrix_rank(reachable_directions(A, B)).item()
+    print("speed", v, "m/s: rank", rank)
+
+# %% tags=["answer", "claims"]
+ranks = {}
+for v in (1.0, 0.0):
+    A, B = jacobians_by_hand(theta=0.0, v=v, phi=0.0)
+    ranks[v] = torch.linalg.matrix_rank(reachable_directions(A, B))
+claim("rank_driving", ranks[1.0], equals=3)
+claim("rank_parked", ranks[0.0], equals=2)
+
+# %% tags=["answer", "hide-input"]
+generator = torch.Generator().manual_seed(1)
+sizes = torch.tensor([2.0, 6.0])  # m/s and rad/s
+random_inputs = sizes * torch.randn(8, 3000, 2, generator=generator)
+A, B = jacobians_by_hand(theta=0.0, v=0.0, phi=0.0)
+parked = torch.zeros(3000, 3)
+nonlinear_end = drive(PoseCar(), parked, random_inputs)[:, -1]
+linear_end = parked
+for u in random_inputs:
+    linear_end = linear_end @ A.T + u @ B.T
+turn = [[0.0, math.pi / 2 / (5 * dt)]] * 5
+ahead = [[1.0, 0.0]] * 5
+manoeuvre = torch.tensor(turn + ahead + [[0.0, -math.pi / 2 / (5 * dt)]] * 5)
+parking = drive(PoseCar(), torch.zeros(3), manoeuvre)
+
+# %% tags=["answer", "hide-input"]
+fig, ax = plt.subplots(figsize=(7, 4.4))
+draw_car(ax, 0.0, 0.0, 0.0)
+ax.plot(*nonlinear_end[:, :2].T, ".", ms=3, c=plotting.SKY, label="nonlinear car")
+ax.plot(*linear_end[:, :2].T, "k|", ms=8, label="linearised car", zorder=4)
+ax.plot(*parking[:, :2].T, ".-", c=plotting.GREEN, label="manoeuvre", zorder=5)
+ax.plot(0, 0.5, "o", ms=8, color=plotting.RED, label="waypoint", zorder=6)
+ax.set(aspect="equal", xlim=(-1.6, 1.6), ylim=(-0.9, 1.5))
+ax.set(xlabel="i (m)", ylabel="j (m)")
+ax.legend(loc="upper center", ncols=2, frameon=True)
+plotting.show(
+    fig,
+    "A parked car, a waypoint beside it. The ends of random drives of the "
+    "linearised car lie on one line through the car; those of the nonlinear car "
+    "fill the plane.",
+)
+
+# %% tags=["answer", "claims"]
+claim("linear_sideways", linear_end[:, 1].abs().max(), equals=0, unit="m")
+claim("nonlinear_sideways", nonlinear_end[:, 1].abs().max(), above=0.5, unit="m")
+target = torch.tensor([0.0, 0.5, 0.0])
+claim("parking_miss", (parking[-1] - target).abs().max(), below=1e-12, unit="m")
+
+# %% [markdown] tags=["answer"]
+# The rank is {claim}`rank_driving` for the driving car and {claim}`rank_parked` for the parked
+# one. The driving car changes its heading, and then its speed carries it sideways. For the parked
+# car we have $v = 0$ in {eq}`eq-1-jacobians`: driving moves $i$, turning moves $\theta$, and
+# nothing moves $j$. The picture shows where random inputs lead in eight steps. All ends of the
+# linearised car lie on one line. The nonlinear car leaves that line: it turns, drives, and turns
+# back. <!-- given: eight steps -->
+
+# %% [markdown]
+# Sideways motion comes from the *product* of turning and driving, and a linear model has no
+# products. Keep this in mind for chapters 2 and 3: a controller that linearises the car at rest
+# does not know how to reach a waypoint beside it.
+
+# %% [markdown]
+# ## An unstable equilibrium: the pendulum
+#
+# In one respect the infinity is too kind: a car to which we do nothing stays where it is. A state
+# that stays under a constant input, $f(x, u) = x$, is called an {term}`equilibrium`. A pendulum
+# without torque has two of them, hanging and standing upright. Its state is the angle from upright
+# and the angular velocity, $x = [\theta, \omega]$, and its input is a torque at the hinge.
+#
+# Near an equilibrium, {eq}`eq-1-linear` multiplies a deviation by $A$ in every step, so that
+# $\delta x_k = A^k \, \delta x_0$. A deviation along an eigenvector with the eigenvalue $\lambda$
+# becomes $\lambda^k$ times as large. If all $|\lambda|$ are below 1, every small deviation dies
+# out, and the equilibrium is {term}`stable <stability>`. If one is above 1, some deviations grow
+# exponentially, and it is unstable.
+
+# %%
+pendulum = pp.Pendulum(dt=0.05)
+no_torque = torch.zeros(1)
+for name, angle in (("upright", 0.0), ("hanging", math.pi)):
+    rest = torch.tensor([angle, 0.0])
+    A = pendulum.linearize(rest, no_torque).A
+    size = torch.linalg.eigvals(A).abs().max()
+    print(f"{name}: largest absolute eigenvalue {size:.4f}")
+
+# %% [markdown]
+# **Predict.** Let the pendulum go at 0.01 rad from upright, about half a degree. After two
+# seconds, is it still within 0.1 rad, at about 0.5 rad, or has it fallen past the horizontal?
+# <!-- given: 0.01 rad, half a degree, half, two seconds, 0.1 rad, 0.5 rad -->
+
+# %% tags=["answer", "hide-input"]
+away = torch.tensor([0.01, 0.0])
+A_upright = pendulum.linearize(torch.zeros(2), no_torque).A
+zeros = torch.zeros(50, 1)
+falling = drive(pendulum, away, zeros)
+swinging = drive(pendulum, away + torch.tensor([math.pi, 0.0]), zeros)
+powers = [torch.linalg.matrix_power(A_upright, k) for k in range(51)]
+linear = torch.stack(powers) @ away
+
+# %% tags=["answer", "hide-input"]
+time = 0.05 * torch.arange(51)
+fig, ax = plt.subplots(figsize=(7, 3.8))
+ax.plot(time, falling[:, 0], label="upright, let go")
+ax.plot(time, linear[:, 0], "--", label="upright, linearised")
+ax.plot(time, swinging[:, 0] - math.pi, "-.", label="hanging, let go")
+ax.axhline(math.pi / 2, color=plotting.GREY, ls=":", label="horizontal")
+ax.set(xlabel="time (s)", ylabel="angle from\nequilibrium (rad)", ylim=(-0.3, 5.2))
+ax.legend(loc="upper left")
+plotting.show(
+    fig,
+    "The upright pendulum falls faster and faster; its linear model agrees at "
+    "first and then runs away. The hanging pendulum stays where it is.",
+)
+
+# %% tags=["answer", "claims"]
+eigenvalue = torch.linalg.eigvals(A_upright).abs().max()
+claim("upright_eigenvalue", eigenvalue, equals=1.167, within=0.001)
+claim("fallen_angle", falling[40, 0], above=math.pi / 2, unit="rad")
+claim("fall_factor", falling[20, 0] / away[0], above=10, below=14)
+agrees = (linear[30, 0] / falling[30, 0] - 1) * 100
+claim("linear_agrees_at", falling[30, 0], above=0.5, below=0.6, unit="rad")
+claim("linear_agrees", agrees, above=0, below=1, unit="%")
+largest_swing = (swinging[:, 0] - math.pi).abs().max()
+claim("hanging_stays", largest_swing, below=0.011, unit="rad")
+
+# %% [markdown] tags=["answer"]
+# It has fallen past the horizontal, to {claim}`fallen_angle`. Each step of 0.05 s multiplies the
+# growing part of the deviation by {claim}`upright_eigenvalue`, so that after one second the angle
+# is {claim}`fall_factor` times as large. The linear model describes the fall well for a long time:
+# at {claim}`linear_agrees_at` it is off by {claim}`linear_agrees`. Then it runs away, while the
+# nonlinear pendulum swings around. The hanging pendulum never deviates by more than
+# {claim}`hanging_stays`. <!-- given: 0.05 s, one second -->
+
+# %% [markdown]
+# For the car all eigenvalues of $A$ are 1, as {eq}`eq-1-jacobians` shows. Its errors grow
+# slowly, and open loop works for a while. It cannot hold an unstable equilibrium, because the
+# smallest deviation grows. Chapter 2 holds the pendulum upright, by feedback.
+
+# %% [markdown]
+# ## How we know: two tests, and a fault that one of them misses
+#
+# A wrong model raises no error; it only drives a little differently. How do we know that $f$,
+# $A$ and $B$ are right? The first test is for the Jacobians. Equation {eq}`eq-1-linear` leaves
+# out terms of second order. If a change becomes ten times smaller, the error of the linear model
+# must become a hundred times smaller. On logarithmic axes that is a line of slope 2. A matrix with
+# one wrong entry leaves an error of first order, a line of slope 1.
+# <!-- given: ten times, hundred times -->
+
+# %%
+car = pp.DubinsCar(dt)
+x = ideal[32]  # in the middle of the first circle
+u = inputs[32]
+A, B = car.linearize(x, u)[:2]
+
+generator = torch.Generator().manual_seed(3)
+direction = torch.randn(6, generator=generator)
+sizes = torch.logspace(-4, 0, 20)
+dx = sizes[:, None] * direction[:4]
+du = sizes[:, None] * direction[4:]
+exact = car.transition(x + dx, u + du)  # f alone: no clock advances
+
+
+# %%
+def linear_error(A, B):
+    """Returns the error of the linear model for changes of all sizes."""
+    linear = car.transition(x, u) + dx @ A.T + du @ B.T
+    return (exact - linear).norm(dim=-1)
+
+
+wrong = A.clone()
+wrong[0, 2] = 0.0  # the change of i with the cosine is lost
+
+# %% tags=["hide-input"]
+fig, ax = plt.subplots(figsize=(7, 3.8))
+ax.loglog(sizes, linear_error(A, B), ".-", label="A of linearize")
+ax.loglog(sizes, linear_error(wrong, B), "s--", ms=5, label="A with one entry lost")
+ax.set(xlabel="size of the change", ylabel="error of the\nlinear model")
+ax.legend()
+plotting.show(
+    fig,
+    "The error of the linear model falls with slope 2 for the right matrix and "
+    "with slope 1 for the matrix that has lost an entry.",
+)
+
+
+# %% tags=["claims"]
+def slope(error):
+    """Returns the slope on logarithmic axes, over the smaller changes."""
+    return (error[8] / error[0]).log() / (sizes[8] / sizes[0]).log()
+
+
+claim("taylor_slope", slope(linear_error(A, B)), equals=2, within=0.05)
+claim("wrong_slope", slope(linear_error(wrong, B)), equals=1, within=0.1)
+
+# %% [markdown]
+# The slopes are {claim}`taylor_slope` and {claim}`wrong_slope`. The second test needs a recorded
+# drive. Predict each state from the one before it. What remains is the {term}`one-step residual`,
+# $x_{k+1} - f(x_k, u_k)$, and for the right model without noise it is zero.
+#
+# Now try both tests on the paper's first listing, which runs word for word:
 
 
 # %%
@@ -266,329 +874,112 @@ class DubinsCar(pp.module.NLS):
 
 
 # %% [markdown]
-# Read it closely before you run it; two things differ from the equations {eq}`eq-1-turn` to
-# {eq}`eq-1-j`.
-#
-# **Predict.** Which two? And over the lap, does the listing's car part from ours more and more, or
-# does their distance stay below some bound?
+# And so does the second listing, but for the letter that counts the steps:
 
 # %%
-N = len(x)
-states, y = torch.zeros(N, 4), torch.zeros(N - 1, 4)
-states[0] = x[0]
-car = DubinsCar()
-for i in range(N - 1):
-    states[i + 1], y[i] = car(states[i], u[i])
-
-print("the clock shows", car.systime.item())
-claim("y_is_old_state", torch.equal(y, states[:-1]), equals=True)
-apart = (states - x)[:, :2].norm(dim=-1).max()
-claim("parted", apart, equals=2 * turn * dt, within=1e-6, unit="m")
-claim("listing_error", infinity.tracking_error(states).max(), below=0.06, unit="m")
-other, _ = DubinsCar(dt=5.0)(x[0], u[0])
-claim("dt_ignored", torch.equal(other, states[1]), equals=True)
+N = len(inputs) + 1
+listing = DubinsCar()
+listing_states = torch.zeros(N, 4)
+listing_states[0] = start
+y = torch.zeros(N - 1, 4)
+for k in range(N - 1):
+    listing_states[k + 1], y[k] = listing(listing_states[k], inputs[k])
 
 # %% [markdown]
-# <details><summary>Answer</summary>
-#
-# The listing drives along the *old* heading: `c` and `s` are only renewed after `i` and `j`. And it
-# keeps `self.dt` but uses the global `dt`, so that `DubinsCar(dt=5.0)` drives like any other.
-# <!-- given: 5.0 -->
-#
-# The distance stays bounded. The two cars use the same headings, one step apart: only the first and
-# the last one differ, which makes at most $2 v \, \Delta t$ (here {claim}`parted`). Neither is
-# nearer to the true circle: both are off by {claim}`listing_error` at most, rotated by half a step
-# in opposite directions. The library follows the paper's equations.
-#
-# </details>
-#
-# ### A thousand cars in one call
-#
-# The noisy cars above were a *batch*: a tensor of shape `(1000, 4)` went in and the same shape came
-# out. Batch dimensions come first, vectors last, everywhere in the library. A batch gives what a
-# loop over its members gives; it is only faster.
+# **Predict.** Compare the listing with {eq}`eq-1-turn` to {eq}`eq-1-j`: where does it differ? We
+# record a drive of the library's car. Which test shows that the listing is another model: the
+# slope, the residual, or both?
 
-# %%
-car, cars = pp.DubinsCar(dt), noisy[:, 128]
-batch = car(cars, u[0])[0]
-loop = torch.stack([car(one, u[0])[0] for one in cars])
-print(tuple(cars.shape), "->", tuple(batch.shape))
-claim("batch_equals_loop", (batch - loop).abs().max(), below=1e-12)
-
-# %% [markdown]
-# ### The car, made linear
-#
-# Near a point, any smooth $f$ is nearly a matrix times the change:
-#
-# $$ f(x + \delta x, u + \delta u) \approx f(x, u) + A \, \delta x + B \, \delta u $$ (eq-1-linear)
-#
-# $A$ has a row for each component of the next state and a column for each one of this state; $B$
-# has a column for each input. They are the derivatives of $f$, and torch works them out:
-# `linearize` pulls one unit vector after the other back through $f$. Here the car is in the middle
-# of the first circle, looking up.
-
-# %%
-x_mid, u_mid = x[32], u[32]
-A, B, C, D, c1, c2 = pp.DubinsCar(dt).linearize(x_mid, u_mid)
-torch.set_printoptions(precision=3, sci_mode=False)
-print("A =", A, "\nB =", B, sep="\n")
-claim("forgotten_length", A[2:, 2:].det(), equals=0, within=1e-12)
-
-h, f = 1e-6, pp.DubinsCar(dt).transition  # f ticks no clock
-rows = f(x_mid + h * torch.eye(4), u_mid) - f(x_mid - h * torch.eye(4), u_mid)
-claim("finite_differences", (rows.mT / (2 * h) - A).abs().max(), below=1e-8)
-
-# %% [markdown]
-# Read $B$'s first column: a faster car gets further up, by nearly $\Delta t$ for each m/s. Read the
-# lower right quarter of $A$: its determinant is zero, because each step forgets the length of the
-# vector $[\cos, \sin]$. Only its direction counts.
-
-# %% [markdown]
-# ## On the infinity
-#
-# The paper's Fig. 2 has two panels, the ideal car and the car with noise, and so has ours. There a
-# controller steers; here still nobody looks. Chapter 3 draws them with its controller.
-
-# %%
-fig, panels = plt.subplots(1, 2, figsize=(7, 2.6), sharey=True)
-for ax, title in zip(panels, ["(a) ideal", "(b) with noise"]):
-    plotting.infinity_axes(ax, title)
-    plotting.plot_waypoints(ax, infinity.waypoints())
-    ax.label_outer()
-i, j = noisy[1:31, :129, :2].permute(2, 1, 0)
-others = panels[1].plot(i, j, color=plotting.GREY, lw=0.4)
-others[0].set_label("30 other cars")
-plotting.plot_states(panels[0], x)
-plotting.plot_states(panels[1], noisy[0, :129], label="car")
-handles, _ = panels[1].get_legend_handles_labels()
-_ = fig.legend(handles=handles, loc="outside lower center", ncols=3)
-
-# %% mystnb={"markdown_format": "myst"}
-one_lap, rows = noisy[:, :129], []
-runs = {"ideal": x[None], "slips": slipping[None], "1000 with noise": one_lap}
-for name, run in runs.items():
-    error, end = infinity.tracking_error(run), run[:, -1, :2].norm(dim=-1)
-    cells = error.mean(), error.amax(1).mean(), end.mean()
-    rows.append(" | ".join([name, *(f"{cell:.3f}" for cell in cells)]))
-display(table("car | mean error (m) | largest (m) | end to start (m)", rows))
-largest = infinity.tracking_error(one_lap).amax(1)
-claim("noise_error", largest.mean(), above=0.12, below=0.18, unit="m")
-claim("beyond_tolerance", 100 * (largest > 0.1).double().mean(), above=60, unit="%")
-
-# %% [markdown]
-# The error of a state is its distance from the nearer circle (`infinity.tracking_error`). On
-# average a noisy car strays {claim}`noise_error` at its worst, and {claim}`beyond_tolerance` of all
-# cars leave the band of 0.1 that this book allows around a waypoint.
-#
-# Now you steer. The slider sets the turn rate: to the left for the first half of the lap, to the
-# right for the second.
-
-
-# %%
-def steer(turn_rate, speed=turn, slip=0.0):
-    inputs = torch.tensor([[speed, turn_rate]] * 64 + [[speed, -turn_rate]] * 64)
-    states = roll(pp.DubinsCar(dt, slip), infinity.waypoints()[0], inputs)
-    fig, ax = plt.subplots(figsize=(7, 3.8))
-    plotting.infinity_axes(ax, margin=1.3).set_ylim(-2.4, 3)
-    plotting.plot_waypoints(ax, infinity.waypoints())
-    plotting.plot_states(ax, states, label="car")
-    ax.legend(loc="lower left")
-    return fig
-
-
-widgets.panels(steer, [0.85, 0.92, 0.98, 1.1, 1.5], "turn rate (rad/s)")
-
-# %% [markdown]
-# In JupyterLab there are three more sliders below. Give the car a slip, then find the turn rate
-# that brings it back onto the waypoints. Then you have done by eye what "Differentiate through it"
-# does by gradient.
-
-# %% tags=["remove-cell"]
-widgets.live(
-    steer,
-    turn_rate=ipywidgets.FloatSlider(0.98, min=0.2, max=2.0, step=0.01),
-    speed=ipywidgets.FloatSlider(0.98, min=0.2, max=1.5, step=0.01),
-    slip=ipywidgets.FloatSlider(0.0, min=0.0, max=0.2, step=0.01),
+# %% tags=["answer", "hide-input"]
+residual = (ideal[1:] - listing.transition(ideal[:-1], inputs))[:, :2]
+own_residual = ideal[1:] - car.transition(ideal[:-1], inputs)
+fig, ax = plt.subplots(figsize=(7, 3.9))
+plotting.plot_course(ax).set_ylim(-1.4, 1.8)
+i, j = ideal[1::4, :2].T
+di, dj = 30 * residual[::4].T
+in_metres = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.004}
+arrows = ax.quiver(i, j, di, dj, color=plotting.BLUE, zorder=5, **in_metres)
+arrows.set_label("residual, 30 times as long")
+ax.legend(loc="upper center", ncols=2)
+plotting.show(
+    fig,
+    "The residual of the listing as arrows along the path: all have the same "
+    "length and point to the inside of the circle on which the car drives.",
 )
 
-# %% [markdown]
-# ## Break it
-#
-# A wrong model does not crash. It drives, a little differently. But there is one plot that shows
-# most faults: take a recorded drive, predict each state from the one before, and plot what is left,
-# the *one-step residual* $x_{k+1} - f(x_k, u_k)$. For the right model it is zero. Three faults: the
-# paper's old heading; inputs that are paired with the states one step late; and a heading kept as
-# an angle that a sensor wraps into $(-\pi, \pi]$.
+# %% tags=["answer", "claims"]
+length = residual.norm(dim=-1)
+claim("residual_level", length.mean(), above=0.009, below=0.01, unit="m")
+claim("residual_spread", length.max() - length.min(), below=1e-9, unit="m")
+centre = torch.tensor([[1.0, 0.0]] * 64 + [[-1.0, 0.0]] * 64)
+inside = (residual * (centre - ideal[1:, :2])).sum(-1) > 0
+claim("residual_inside", 100 * inside.double().mean(), equals=100, unit="%")
+claim("residual_sum", residual.sum(0).norm(), below=1e-9, unit="m")
+claim("right_residual", own_residual.abs().max(), below=1e-12)
+A_listing, B_listing = listing.linearize(x, u)[:2]
+linear = listing.transition(x, u) + dx @ A_listing.T + du @ B_listing.T
+error = (listing.transition(x + dx, u + du) - linear).norm(dim=-1)
+claim("listing_slope", slope(error), equals=2, within=0.05)
+listing_error = infinity.tracking_error(listing_states).max()
+claim("listing_error", listing_error, below=0.06, unit="m")
+claim("y_is_old_state", torch.equal(y, listing_states[:-1]), equals=True)
+other_step, _ = DubinsCar(dt=5.0)(start, inputs[0])
+claim("dt_ignored", torch.equal(other_step, listing_states[1]), equals=True)
 
-# %%
-old, late = x[1:] - DubinsCar().transition(x[:-1], u), x[2:] - f(x[1:-1], u[:-1])
-faults = {
-    "old heading (m)": old[:, :2].norm(dim=-1),
-    "inputs one step late (rad)": late[:, 2:].norm(dim=-1),
-    "wrapped (rad)": (torch.atan2(x[:, 3], x[:, 2]).diff() - u[:, 1] * dt).abs(),
-}
-fig, panels = plt.subplots(1, 3, figsize=(7, 2.2))
-for ax, (title, residual) in zip(panels, faults.items()):
-    ax.plot(dt * torch.arange(128)[-len(residual) :], residual, label="faulty model")
-    ax.axhline(0, color=plotting.GREY, ls="--", lw=1, label="right model")
-    ax.set(xlabel="time (s)")
-    ax.set_title(title, size=9)
-panels[0].set(ylabel="residual", ylim=(-0.001, 0.014))
-panels[0].legend(loc="center")
-plt.show()
-level, late, wrapped = faults.values()
-claim("old_heading_level", level.mean(), above=0.009, below=0.01, unit="m")
-claim("late_spikes", (late > 1e-9).sum(), equals=1)
-claim("wrap_spikes", (wrapped > 3).sum(), equals=2)
-claim("right_residual", (x[1:] - f(x[:-1], u)).abs().max(), below=1e-12)
+# %% [markdown] tags=["answer"]
+# Only the residual shows it. The listing drives along the *old* heading, because it computes `c`
+# and `s` anew only after `i` and `j`. (It also ignores its own `dt`: it keeps `self.dt` and
+# then uses the global one.) Its Jacobians are the exact derivatives of its own $f$, so its slope
+# is {claim}`listing_slope`. The residual has the same length in all steps,
+# {claim}`residual_level`, about $v \varphi \, \Delta t^2$, and it always points to the inside of
+# the curve. Along a full circle these residuals cancel. That is why a lap hides the fault: at its
+# steps the listing's car is at most {claim}`listing_error` from the path, no further than ours.
 
 # %% [markdown]
-# - **Old heading.** A constant level, $v \varphi \, \Delta t^2$ = {claim}`old_heading_level`: small
-#   in each step and always in the same direction. Fix: renew the heading before it is used.
-# - **One step late.** Nothing at all, but for {claim}`late_spikes` spike, where the turn rate
-#   changes its sign. As long as the input is constant, nobody sees that it is the wrong one. Fix:
-#   pair `y[i]` with `u[i]` and `x[i]`, and test on drives whose inputs change.
-# - **Wrapped angle.** {claim}`wrap_spikes` spikes of $2\pi$, one on each circle, where the heading
-#   crosses $\pi$. A controller would answer them with a full turn. Fix: keep cosine and sine.
-
-# %% [markdown]
-# ## Verify
-#
-# The matrices $A$ and $B$ will be used by everything that follows, so test them. Equation
-# {eq}`eq-1-linear` leaves out terms of second order: if the change is ten times smaller, its error
-# has to be a hundred times smaller. On logarithmic axes that is a line of slope 2. A matrix with
-# one wrong entry leaves a part of first order, slope 1.
-
-# %%
-direction = torch.randn(6, generator=torch.Generator().manual_seed(3))
-sizes = torch.logspace(-4, 0, 20)[:, None]
-dx, du = (sizes * direction).split([4, 2], dim=-1)
-exact = f(x_mid + dx, u_mid + du)
-wrong = A * (torch.arange(16).reshape(4, 4) != 2)  # loses di'/dcos
-fig, ax = plt.subplots(figsize=(7, 3))
-slopes = []
-for matrix, name in ((A, "A of linearize"), (wrong, "A with one entry lost")):
-    linear = f(x_mid, u_mid) + pp.bmv(matrix, dx) + pp.bmv(B, du)
-    error = (exact - linear).norm(dim=-1)
-    slopes.append((error[8] / error[0]).log() / (sizes[8] / sizes[0]).log())
-    ax.loglog(sizes, error, ".-" if matrix is A else "s--", ms=5, label=name)
-ax.set(xlabel="size of the change", ylabel="error of the linear model")
-ax.legend()
-plt.show()
-claim("taylor_slope", slopes[0], equals=2, within=0.05)
-claim("wrong_slope", slopes[1], equals=1, within=0.1)
-
-# %% [markdown]
-# Know what each test can see. The slope finds a wrong derivative of *this* $f$; the listing's car
-# would pass it too, for its derivatives are right and its $f$ is another. The comparison with our
-# own `step` finds a wrong $f$, unless we made the same mistake twice. "A batch equals a loop" finds
-# mixed-up members and nothing else. Only the residual on a recorded drive compares the model with
-# the world.
-
-# %% [markdown]
-# ## Differentiate through it
-#
-# Back to the slipping car. All we have now is a recording: one lap of open-loop driving, seen by a
-# sensor with noise of 0.02 in each component. What is its slip? Every number of a model may be a
-# tensor that wants a gradient; so drive the model, compare, go downhill.
-# <!-- given: 0.02 -->
-
-# %%
-noise = 0.02 * torch.randn(slipping.shape, generator=torch.Generator().manual_seed(2))
-recorded = slipping + noise
-slip = torch.tensor(0.3, requires_grad=True)  # a bad guess
-path = []
-for _ in range(20):
-    loss = (roll(pp.DubinsCar(dt, slip), x[0], u) - recorded).square().mean()
-    path.append((slip.item(), loss.item()))
-    (gradient,) = torch.autograd.grad(loss, slip)
-    slip = (slip - 0.006 * gradient).detach().requires_grad_()
-claim("slip_learned", slip, equals=0.05, within=0.003)
-
-# %%
-grid = torch.linspace(-0.2, 0.3, 51)
-with torch.no_grad():  # 51 cars, each with a slip of its own
-    drives = roll(pp.DubinsCar(dt, grid), x[0].expand(51, 4), u.expand(51, 128, 2))
-losses = (drives - recorded).square().mean((-1, -2))
-fig, ax = plt.subplots(figsize=(7, 3))
-ax.plot(grid, losses, color=plotting.GREY, label="loss of 51 cars, in one batch")
-ax.plot(*zip(*path), "o-", color=plotting.RED, ms=4, label="gradient descent")
-ax.axvline(0.05, color=plotting.GREEN, ls="--", label="true slip")
-ax.set(xlabel="slip", ylabel="mean squared error")
-_ = ax.legend()
-
-# %% [markdown]
-# The slip comes out as {claim}`slip_learned`. The gradient went backwards through 128 steps of the
-# car, and nothing had to be derived by hand. The grey curve is a second use of batches: 51 cars
-# with 51 slips, in one call. It also shows the limit of the method: downhill leads to the *next*
-# valley, and here we started in the right one, if far up its slope.
-
-# %% [markdown]
-# ## On the robot
-#
-# The same inputs, given to a simulated Unitree Go1. `go1.connect` takes an address; with `"sim"`
-# the robot lives in this program, and with another address it is a real one. Nothing in this book
-# was tried on a real robot.
-#
-# **Predict.** The dog follows each command with a lag, of which our model knows nothing. Will it
-# leave the path, or only be late on it?
-
-# %%
-with go1.connect("sim") as robot:
-    poses, truth = [robot.pose()], [robot.simulator.dog.pose]
-    for v, phi in u.tolist():
-        robot.move(v, phi)
-        robot.wait(dt)
-        poses.append(robot.pose())
-        truth.append(robot.simulator.dog.pose)
-ahead, left, heading = torch.tensor(poses).unbind(-1)  # from where it stood
-dog = torch.stack([left, -ahead, heading.sin(), -heading.cos()], dim=-1)
-wander = (torch.tensor(truth) - torch.tensor(poses))[:, :2].norm(dim=-1)
-fig, ax = plt.subplots(figsize=(7, 3.4))
-plotting.plot_waypoints(plotting.infinity_axes(ax), infinity.waypoints())
-plotting.plot_states(ax, dog, label="the dog, as it says")
-ax.legend(loc="upper center", ncols=2)
-plt.show()
-claim("dog_error", infinity.tracking_error(dog).max(), below=0.08, unit="m")
-claim("dog_short", dog[-1, :2].norm(), above=0.1, below=0.25, unit="m")
-claim("dog_wander", wander.max(), above=0.01, below=0.1, unit="m")
-
-# %% [markdown]
-# <details><summary>Answer</summary>
-#
-# It is late: at the end of the lap it is {claim}`dog_short` short of the start, but never more than
-# {claim}`dog_error` from the path. A curve is drawn by the ratio of turn rate and speed, and the
-# lag delays both alike.
-#
-# </details>
-#
-# "As it says" is meant. The figure shows where the dog's odometry believes it is. The simulator
-# knows better: the two differ by up to {claim}`dog_wander`, and open loop cannot even notice.
-# Chapter 9 returns to this.
+# Know what each test can see. The slope finds a wrong derivative of *this* $f$, even if $f$
+# itself is wrong. The comparison with our own small car finds a wrong $f$, unless we made the
+# same mistake twice. Only the residual on a recorded drive compares the model with the world.
 
 # %% [markdown]
 # ## Summary
 #
-# - A system is $x_{k+1} = f(x_k, u_k, t_k)$ and $y_k = g(x_k, u_k, t_k)$. The library's car equals
-#   our three lines to {claim}`agrees_with_ours`; `y[i]` belongs to `x[i]`.
-# - Open loop, a slip of 5 % ends {claim}`slip_end` away, and noise leads {claim}`noise_one_lap`
-#   away in a lap. <!-- given: 5 % -->
-# - The paper's listing and its equations part by {claim}`parted` at most: old heading, new heading.
-# - `linearize` gives $A$ and $B$; the error of the linear car falls with slope
-#   {claim}`taylor_slope`.
-# - One number of the car, learned through 128 steps: {claim}`slip_learned`, where 0.05 is true.
+# - A dynamic system is $x_{k+1} = f(x_k, u_k, t_k)$ with $y_k = g(x_k, u_k, t_k)$; the library's
+#   car equals our own to {claim}`agrees_with_ours`, and its observation belongs to the state
+#   before the step.
+# - Open loop does not forgive: a slip of 5 % ends {claim}`slip_end` from the start, and noise
+#   leads {claim}`noise_error` astray. <!-- given: 5 % -->
+# - The discretisation is of first order: it costs {claim}`hand_error` on the lap, and
+#   {claim}`short_step_error` with steps of half the length. <!-- given: half the length, half -->
+# - The controllability matrix of the linearised car has rank {claim}`rank_driving` while it
+#   drives, but only {claim}`rank_parked` when it is parked; the upright pendulum is unstable, with
+#   an eigenvalue of {claim}`upright_eigenvalue`.
+# - Right Jacobians leave an error of slope {claim}`taylor_slope`; the old heading in $f$ leaves
+#   a residual of {claim}`residual_level` in every step, which the slope does not show.
 #
 # | | paper | here |
 # |:--|:--|:--|
-# | the listing | runs in PyPose | runs word for word; drives with the old heading |
-# | ideal car, Fig. 2 (a) | steered by MPC | steered by hand, {claim}`hand_error` at most |
+# | first two listings | run in PyPose | run word for word; drive along the old heading |
+# | ideal car, Fig. 2 (a) | steered by MPC | open loop, {claim}`hand_error` at most |
+# | noisy car, Fig. 2 (b) | steered by MPC | open loop, {claim}`noise_error` at most, in the mean |
 #
-# **What differs from PyPose.** In PyPose 0.9.5, `A` of a nonlinear system has four dimensions for a
-# batch and carries no gradient to the model's parameters; ours is `(..., n, n)` and does. There a
-# reference point set without a time moves with the clock; ours stays. There `LTI` takes no time
-# argument; here every system does.
+# **What differs from PyPose.** In PyPose 0.9.5, `A` of a nonlinear system has four dimensions
+# for a batch and carries no gradient to the model's parameters; ours is `(..., n, n)` and does.
+# There a reference point that is set without a time moves with the clock; ours stays. There `LTI`
+# takes no time argument; here every system does.
 #
-# **Further reading.** Åström and Murray {cite}`astrom2021` on models and feedback; LaValle
-# {cite}`lavalle2006`, chapter 13, on cars like this one; the source of `pypose_lite/systems.py`.
+# **Words of this chapter.** {term}`dynamic system <dynamical system>`, {term}`state`,
+# {term}`input`, {term}`observation`, {term}`state-space model`, {term}`process noise`,
+# {term}`observation noise`, {term}`open loop`, {term}`feedback`, {term}`unicycle`,
+# {term}`nonholonomic <nonholonomic system>`, {term}`discretisation`, {term}`linearisation`,
+# {term}`Jacobian`, {term}`batch`, {term}`controllability`, {term}`equilibrium`, {term}`stability`,
+# {term}`one-step residual`.
 #
-# Next: [chapter 2](02_lqr.py) uses $A$ and $B$ to steer with open eyes.
+# **Further reading.** {cite:t}`astrom2021` introduce models, stability and controllability, with
+# examples from biology to aircraft. {cite:t}`lavalle2006` treats cars that cannot move sideways in
+# his chapter 13. {cite:t}`kalman1960control` is where controllability was first defined.
+#
+# **In the lab** you compute a Jacobian by hand, find the bug in a clock, write the model of a
+# bicycle, write a test that tells two models apart, design a model to a given accuracy, and send
+# the inputs of this chapter to a simulated Go1.
+#
+# Next: [chapter 2](02_lqr.py) uses $A$ and $B$ to compute feedback.

@@ -36,16 +36,17 @@
 # %% tags=["setup"]
 import inspect
 import math
+import textwrap
 
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
 from IPython.display import Code, display
-from matplotlib.patches import Arc, FancyArrowPatch, Polygon, Rectangle
+from matplotlib.patches import Arc
 
 import pypose_lite as pp
 from pypose_lite import infinity
-from pypose_lite.teaching import claim, plotting, table, widgets
+from pypose_lite.teaching import claim, plotting, sketches, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)  # so that no error that we see is rounding
@@ -155,62 +156,26 @@ claim("slip_heading", heading_error, equals=18, within=0.01, unit="degrees")
 # $\varphi$ in rad/s. The {term}`observation` is what the sensors report. For the moment they
 # report all of the state.
 
-
-# %% tags=["hide-input"]
-def draw_car(ax, i, j, theta):
-    """Draws a car with a pointed nose and two wheels beside its centre."""
-    c, s = math.cos(theta), math.sin(theta)
-    turned = torch.tensor([[c, s], [-s, c]])
-    wheel = torch.tensor([[-0.1, -0.04], [0.1, -0.04], [0.1, 0.04], [-0.1, 0.04]])
-    aside = torch.tensor([0.0, 0.25])
-    body = [[-0.4, -0.2], [0.2, -0.2], [0.5, 0.0], [0.2, 0.2], [-0.4, 0.2]]
-    shapes = [(torch.tensor(body), 0.35), (wheel - aside, 1.0), (wheel + aside, 1.0)]
-    for shape, shade in shapes:
-        corners = shape @ turned + torch.tensor([i, j])
-        look = {"facecolor": plotting.GREY, "edgecolor": "black", "alpha": shade}
-        ax.add_patch(Polygon(corners, zorder=3, **look))
-
-
-def draw_arrow(ax, tail, tip, color="black", **options):
-    """Draws a straight or bent arrow from one point to another."""
-    look = {"arrowstyle": "-|>", "mutation_scale": 16, "lw": 2, "zorder": 5}
-    ax.add_patch(FancyArrowPatch(tail, tip, color=color, **(look | options)))
-
-
-# %% tags=["hide-input"]
-def draw_speeds(ax, here, theta):
-    """Draws the heading and the two inputs of a car, and the way it cannot go."""
-    ahead = torch.tensor([math.cos(theta), math.sin(theta)])
-    left = torch.tensor([-math.sin(theta), math.cos(theta)])
-    bend = {"connectionstyle": "arc3,rad=0.35"}
-    below = here + torch.tensor([0.75, -0.1])
-    draw_arrow(ax, here, here + 1.3 * ahead, plotting.BLUE)
-    draw_arrow(ax, here - 0.6 * left, below, plotting.RED, **bend)
-    draw_arrow(ax, here + 0.5 * left, here + 1.0 * left, plotting.GREY)
-    cross = {"ms": 16, "mew": 3, "color": plotting.RED, "zorder": 6}
-    ax.plot(*(here + 0.72 * left), "x", **cross)
-    ax.add_patch(Arc(tuple(here), 1.8, 1.8, theta2=math.degrees(theta), lw=1.5))
-    ax.text(2.47, 1.08, r"heading $\theta$", size=13)
-    ax.text(2.0, 1.75, "speed $v$", size=13, color=plotting.BLUE)
-    ax.text(2.25, 0.5, r"turn rate $\varphi$", size=13, color=plotting.RED)
-    ax.text(0.1, 1.85, "never sideways", size=13, color=plotting.GREY)
-
-
 # %% tags=["hide-input"]
 fig, ax = plt.subplots(figsize=(7, 4.2))
-draw_car(ax, 1.5, 0.9, theta=0.6)
-draw_speeds(ax, torch.tensor([1.5, 0.9]), theta=0.6)
-ax.plot([1.5, 1.5, 0], [0, 0.9, 0.9], ":", color=plotting.GREY)
-ax.plot([1.5, 3.1], [0.9, 0.9], "--", color=plotting.GREY)
+sketches.car(ax, 1.5, 0.9, theta=0.6)
+ax.plot([1.5, 1.5, 0, 3.1], [0, 0.9, 0.9, 0.9], ":", color="black")
+ax.add_patch(Arc((1.5, 0.9), 1.8, 1.8, theta2=math.degrees(0.6), lw=1.5))
+sketches.arrow(ax, (1.5, 0.9), (2.57, 1.63), plotting.BLUE)
+sketches.arrow(ax, (1.84, 0.40), (2.25, 0.8), plotting.RED, bend=0.35)
+sketches.arrow(ax, (1.22, 1.31), (0.94, 1.73), plotting.GREY)
+ax.plot(1.09, 1.5, "x", ms=16, mew=3, color=plotting.RED, zorder=6)
 ax.plot(1.5, 0.9, "o", color="black", zorder=6)
-ax.text(0.05, 0.95, "$j$", size=13)
-ax.text(1.54, 0.04, "$i$", size=13)
+sketches.word(ax, 2.47, 1.08, r"heading $\theta$")
+sketches.word(ax, 2.0, 1.75, "speed $v$", plotting.BLUE)
+sketches.word(ax, 2.25, 0.5, r"turn rate $\varphi$", plotting.RED)
+sketches.word(ax, 0.1, 1.85, "never sideways", plotting.GREY)
 ax.set(aspect="equal", xlim=(0, 3.6), ylim=(0, 2.2), xlabel="i (m)", ylabel="j (m)")
 plotting.show(
     fig,
-    "A car seen from above at the point (i, j). Its heading theta is the angle "
-    "from the i axis to its nose. Its speed v points along the heading, its turn "
-    "rate phi around its centre. An arrow to its side is crossed out.",
+    "A car seen from above at a point (i, j). Its heading theta is the angle from "
+    "the i axis to its nose. Its speed v points along the heading, its turn rate phi "
+    "around its centre. An arrow to its side is crossed out.",
 )
 
 # %% [markdown]
@@ -248,43 +213,14 @@ claim("backward", backward[1] - start[1], equals=0.1, within=1e-12, unit="m")
 # {term}`process noise` $w_k$ and the {term}`observation noise` $n_k$ stand for all that the model
 # does not know. (The paper writes $v_k$ for $n_k$; our $v$ is the speed.)
 
-
 # %% tags=["hide-input"]
-def draw_diagram(ax):
-    """Draws the boxes and the lines of a state-space model."""
-    boxes = [(2, 2.6, "$f$"), (6.4, 2.6, "one step\nlater"), (6.4, 0.6, "$g$")]
-    for i, j, text in boxes:
-        ax.add_patch(Rectangle((i - 0.75, j - 0.4), 1.5, 0.8, fc="white", ec="black"))
-        ax.text(i, j, text, ha="center", va="center", size=13)
-    arrows = [((0, 2.8), (1.25, 2.8)), ((2.75, 2.6), (3.8, 2.6))]
-    arrows += [((4.2, 2.6), (5.65, 2.6)), ((4, 3.7), (4, 2.8))]
-    arrows += [((8.2, 1.5), (8.2, 0.8)), ((7.15, 0.6), (8.0, 0.6))]
-    arrows += [((8.4, 0.6), (9.6, 0.6)), ((0.6, 0.6), (5.65, 0.6))]
-    arrows += [((0.9, 2.4), (1.25, 2.4)), ((6.4, 1.55), (6.4, 1.0))]
-    for tail, tip in arrows:
-        draw_arrow(ax, tail, tip, shrinkA=0, shrinkB=0, lw=1.5)
-    ax.plot([0.6, 0.6], [2.8, 0.6], "k", lw=1.5)
-    ax.plot([6.4, 6.4, 0.9, 0.9], [2.2, 1.55, 1.55, 2.4], "k", lw=1.5)
-    ax.plot([0.6, 6.4], [2.8, 1.55], "ko", ms=5)
-    ax.plot([4, 8.2], [2.6, 0.6], "o", ms=16, mfc="white", mec="black", zorder=6)
-
-
-# %% tags=["hide-input"]
-fig, ax = plt.subplots(figsize=(7, 3.6))
-draw_diagram(ax)
-names = [(0, 3.0, "$u_k$"), (3.5, 3.5, "$w_k$"), (4.4, 2.85, "$x_{k+1}$")]
-names += [(3, 1.7, "$x_k$"), (8.35, 1.4, "$n_k$"), (9.1, 0.8, "$y_k$")]
-for i, j, text in names:
-    ax.text(i, j, text, size=13)
-for i, j in ((4, 2.6), (8.2, 0.6)):
-    ax.text(i, j, "+", size=13, ha="center", va="center", zorder=7)
-ax.set(xlim=(-0.1, 9.8), ylim=(0, 3.9), aspect="equal")
-ax.axis("off")
+fig, ax = plt.subplots(figsize=(7, 3.2))
+sketches.state_space(ax)
 plotting.show(
     fig,
-    "Block diagram. Input and state enter f; process noise is added; the sum is "
-    "the next state, which becomes the state one step later. Input and state "
-    "also enter g; observation noise is added; the sum is the observation.",
+    "Block diagram. Input and state enter f; process noise is added; the sum is the "
+    "next state, which becomes the state one step later. Input and state also enter "
+    "g; observation noise is added; the sum is the observation.",
 )
 
 # %% [markdown]
@@ -398,8 +334,8 @@ claim("agrees_with_ours", (small_ideal - ideal).abs().max(), below=1e-12)
 #
 # $$
 # \begin{aligned}
-# f(x + \delta x, u + \delta u) \approx {} & f(x, u) \\
-# & + A \, \delta x + B \, \delta u
+# & f(x + \delta x, u + \delta u) \\
+# & \quad \approx f(x, u) + A \, \delta x + B \, \delta u
 # \end{aligned}
 # $$ (eq-1-linear)
 #
@@ -512,7 +448,8 @@ claim("jacobians_equal_ours", largest, below=1e-12)
 # our equations {eq}`eq-1-turn`, {eq}`eq-1-i` and {eq}`eq-1-j`.
 
 # %% tags=["hide-input"]
-Code(inspect.getsource(pp.DubinsCar.state_transition), language="python")
+source = inspect.getsource(pp.DubinsCar.state_transition)
+Code(textwrap.dedent(source), language="python")
 
 # %% [markdown]
 # `unbind(-1)` takes a tensor apart along its last dimension and leaves the others alone. A tensor
@@ -653,32 +590,23 @@ for v in (1.0, 0.0):
     rank = torch.linalg.matrix_rank(reachable_directions(A, B)).item()
     print("speed", v, "m/s: rank", rank)
 
-# %% tags=["answer", "claims"]
-ranks = {}
-for v in (1.0, 0.0):
-    A, B = jacobians_by_hand(theta=0.0, v=v, phi=0.0)
-    ranks[v] = torch.linalg.matrix_rank(reachable_directions(A, B))
-claim("rank_driving", ranks[1.0], equals=3)
-claim("rank_parked", ranks[0.0], equals=2)
-
-# %% tags=["answer", "hide-input"]
+# %% tags=["answer"]
 generator = torch.Generator().manual_seed(1)
-sizes = torch.tensor([2.0, 6.0])  # m/s and rad/s
-random_inputs = sizes * torch.randn(8, 3000, 2, generator=generator)
+scale = torch.tensor([2.0, 6.0])  # m/s and rad/s
+random_inputs = scale * torch.randn(8, 3000, 2, generator=generator)
+nonlinear_end = drive(PoseCar(), torch.zeros(3000, 3), random_inputs)[:, -1]
+
 A, B = jacobians_by_hand(theta=0.0, v=0.0, phi=0.0)
-parked = torch.zeros(3000, 3)
-nonlinear_end = drive(PoseCar(), parked, random_inputs)[:, -1]
-linear_end = parked
+linear_end = torch.zeros(3000, 3)
 for u in random_inputs:
     linear_end = linear_end @ A.T + u @ B.T
-turn = [[0.0, math.pi / 2 / (5 * dt)]] * 5
-ahead = [[1.0, 0.0]] * 5
-manoeuvre = torch.tensor(turn + ahead + [[0.0, -math.pi / 2 / (5 * dt)]] * 5)
-parking = drive(PoseCar(), torch.zeros(3), manoeuvre)
 
 # %% tags=["answer", "hide-input"]
+quarter = math.pi / 2 / dt  # rad/s: a quarter turn in one step
+manoeuvre = torch.tensor([[0.0, quarter]] + [[1.0, 0.0]] * 5 + [[0.0, -quarter]])
+parking = drive(PoseCar(), torch.zeros(3), manoeuvre)
 fig, ax = plt.subplots(figsize=(7, 4.4))
-draw_car(ax, 0.0, 0.0, 0.0)
+sketches.car(ax, 0.0, 0.0, theta=0.0)
 ax.plot(*nonlinear_end[:, :2].T, ".", ms=3, c=plotting.SKY, label="nonlinear car")
 ax.plot(*linear_end[:, :2].T, "k|", ms=8, label="linearised car", zorder=4)
 ax.plot(*parking[:, :2].T, ".-", c=plotting.GREEN, label="manoeuvre", zorder=5)
@@ -694,6 +622,10 @@ plotting.show(
 )
 
 # %% tags=["answer", "claims"]
+pairs = [jacobians_by_hand(theta=0.0, v=v, phi=0.0) for v in (1.0, 0.0)]
+driving, parked = [reachable_directions(*pair) for pair in pairs]
+claim("rank_driving", torch.linalg.matrix_rank(driving), equals=3)
+claim("rank_parked", torch.linalg.matrix_rank(parked), equals=2)
 claim("linear_sideways", linear_end[:, 1].abs().max(), equals=0, unit="m")
 claim("nonlinear_sideways", nonlinear_end[:, 1].abs().max(), above=0.5, unit="m")
 target = torch.tensor([0.0, 0.5, 0.0])
@@ -742,14 +674,12 @@ for name, angle in (("upright", 0.0), ("hanging", math.pi)):
 
 # %% tags=["answer", "hide-input"]
 away = torch.tensor([0.01, 0.0])
+hanging = torch.tensor([math.pi, 0.0])
 A_upright = pendulum.linearize(torch.zeros(2), no_torque).A
-zeros = torch.zeros(50, 1)
-falling = drive(pendulum, away, zeros)
-swinging = drive(pendulum, away + torch.tensor([math.pi, 0.0]), zeros)
+falling = drive(pendulum, away, torch.zeros(50, 1))
+swinging = drive(pendulum, hanging + away, torch.zeros(50, 1))
 powers = [torch.linalg.matrix_power(A_upright, k) for k in range(51)]
 linear = torch.stack(powers) @ away
-
-# %% tags=["answer", "hide-input"]
 time = 0.05 * torch.arange(51)
 fig, ax = plt.subplots(figsize=(7, 3.8))
 ax.plot(time, falling[:, 0], label="upright, let go")

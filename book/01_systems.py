@@ -340,9 +340,9 @@ claim("agrees_with_ours", (small_ideal - ideal).abs().max(), below=1e-12)
 # $$ (eq-1-linear)
 #
 # $A$ and $B$ are {term}`Jacobians <Jacobian>`, matrices of first derivatives: $A$ with
-# respect to the state, $B$ with respect to the input. Each has one row for each component of the
-# next state. Computing them is called {term}`linearisation`. We do it for the car by hand, with
-# $c = \cos\theta_{k+1}$ and $s = \sin\theta_{k+1}$.
+# respect to the state, $B$ with respect to the input. Each has a row for each component of the
+# next state and a column for each variable. Computing them is called {term}`linearisation`. We do
+# it for the car by hand, with $c = \cos\theta_{k+1}$ and $s = \sin\theta_{k+1}$.
 #
 # The third row holds the derivatives of $\theta_{k+1}$. By {eq}`eq-1-turn`, they are 1 with
 # respect to $\theta_k$ and $\Delta t$ with respect to $\varphi_k$; the others are zero. The first

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import control, filters, go1, infinity, lie, module, splines, systems, utils
-    from .control import LQR, MPC, Plan, dlqr, shift
+    from .control import LQR, MPC, Plan, dlqr, input_rates, shift
     from .filters import EKF, PF, UKF, smooth
     from .lie import (
         SE3,
@@ -52,7 +52,7 @@ __version__ = "0.1.0"
 _ROOMS = {
     "systems": ["System", "NLS", "LTI", "LTV", "Linearization"]
     + ["DubinsCar", "Pendulum", "CartPole"],
-    "control": ["LQR", "MPC", "Plan", "dlqr", "shift"],
+    "control": ["LQR", "MPC", "Plan", "dlqr", "input_rates", "shift"],
     "filters": ["EKF", "UKF", "PF", "smooth"],
     "lie": ["SO3", "so3", "SE3", "se3", "LieTensor"]
     + ["Exp", "Log", "Inv", "Mul", "Act", "Adj", "AdjT", "Retr"]

@@ -10,7 +10,7 @@ from ..control.ilqr import Iterate, judge, same_bounds
 from ..control.problem import Problem
 from ..control.riccati import Box
 from ..systems.derivatives import transformed, transformed_hessian
-from ..systems.system import expand
+from ..systems.mapping import same_batch
 from .loops import Steps
 from .rows import bmm, bmv, cat, solve_positive
 
@@ -19,8 +19,8 @@ STEPS = torch.tensor([1.0, 0.5, 0.2, 0.05])
 
 def model(problem: Problem, x: Tensor, u: Tensor, t: Tensor) -> tuple:
     """Returns ``f, A, B, q, Q`` and what the dynamics add to Q, a function of costates."""
-    f, m = problem.system._batched(problem.system.state_transition, t), u.shape[-1]
-    x, u = expand(x, u)
+    f, m = problem.system.mapped("state_transition", t, clock=False), u.shape[-1]
+    x, u = same_batch(x, u)
     y, A, B = transformed(f, x, u, "xu")
     q = bmv(problem.Q, cat([u, x], -1, 1) - problem.r) + problem.p
     Q = problem.Q.expand(*q.shape, q.shape[-1])
@@ -91,7 +91,8 @@ def follow(problem: Problem, x_init, X: Tensor, U: Tensor, K: Tensor, steps: Ten
     def move(x, t, K, X, aim, *limits):
         u = aim + bmv(K, x - X)
         u = torch.clamp(u, *limits) if limits else u
-        return (problem.system.transition(x, u, t.reshape(())),), (x, u)
+        f = problem.system.mapped("state_transition", t.reshape(()), clock=False)
+        return (f(x, u),), (x, u)
 
     known = Steps((t, K, X[:-1], aim, *limits), U.ndim - 2)
     (last,), (states, inputs) = known.scan(move, x_init)

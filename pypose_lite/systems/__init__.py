@@ -5,6 +5,7 @@ Chapter 1 builds :class:`System` from scratch.
 
 from .linear import LTI, LTV
 from .models import CartPole, DubinsCar, Pendulum
-from .system import NLS, Linearization, System
+from .nonlinear import NLS
+from .system import Linearization, System
 
 __all__ = ["LTI", "LTV", "NLS", "CartPole", "DubinsCar", "Linearization", "Pendulum", "System"]

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..shapes import inside_transform
+from .kinks import nan_for_no_slope
 
 
 def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tuple[Tensor, ...]:
@@ -23,9 +24,9 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
         u: ``(..., m)``, of the same batch.
         wrt: ``"x"`` leaves out the last result.
     """
-    if inside_transform(x):
-        return transformed(function, x, u, wrt)
     y = function(x, u)
+    if inside_transform(y):
+        return transformed(function, x, u, wrt)
     if y.shape[:-1] != x.shape[:-1]:  # parameters have a batch of their own
         x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
     graph, p = y.requires_grad, y.shape[-1]
@@ -33,13 +34,14 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
         copies = [_copies(z, p, graph) for z in (x, u)]
         rows = function(*copies)
         given = copies if wrt == "xu" else copies[:1]
-        J = _pull_back(rows, given, _unit_rows(y), graph)
+        with nan_for_no_slope(rows, given):
+            J = _pull_back(rows, given, _unit_rows(y), graph)
     return (y, *(j.movedim(0, -2) for j in J))
 
 
 def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor:
     """Returns the second derivative of ``weights' function(x, u)``, ``(..., n+m, n+m)``."""
-    if inside_transform(x):
+    if inside_transform(weights) or inside_transform(function(x, u)):
         return transformed_hessian(function, x, u, weights)
     with torch.enable_grad():
         copies = [_copies(z, x.shape[-1] + u.shape[-1], False) for z in (x, u)]

@@ -1,5 +1,6 @@
 """Linear systems: the same at every step (LTI), or another one at each (LTV)."""
 
+from collections.abc import Callable
 from typing import Self
 
 import torch
@@ -71,15 +72,17 @@ class LTI(System):
 
     def linearize_transition(self, x, u, t=None, wrt="xu"):
         """Returns ``f``, ``A`` and ``B``, expanded to the batch."""
-        return self._at_time(self.state_transition, lambda: (self.A, self.B), x, u, t, wrt)
+        return self._with_matrices(self.state_transition, lambda: (self.A, self.B), x, u, t, wrt)
 
     def linearize_observation(self, x, u, t=None, wrt="xu"):
         """Returns ``g``, ``C`` and ``D``, expanded to the batch."""
-        return self._at_time(self.observation, lambda: (self.C, self.D), x, u, t, wrt)
+        return self._with_matrices(self.observation, lambda: (self.C, self.D), x, u, t, wrt)
 
-    def _at_time(self, function, matrices, x, u, t, wrt) -> tuple[Tensor, ...]:
-        t = self._t if t is None else torch.as_tensor(t)
-        y, pair = self._at(t, lambda: (function(x, u), matrices()))
+    def _with_matrices(self, function, matrices, x, u, t, wrt) -> tuple[Tensor, ...]:
+        def now(x, u, t):
+            return function(x, u), matrices()
+
+        y, pair = self._at(now, x, u, self._time(t))
         wanted = [m for letter, m in zip("xu", pair) if letter in wrt]
         return (y, *(m.expand(*y.shape[:-1], *m.shape[-2:]) for m in wanted))
 
@@ -100,7 +103,10 @@ class LTV(LTI):
         pass  # their layout is the subclass's
 
     def _now(self, stack: Tensor | None, dims: int) -> Tensor | None:
-        return None if stack is None else stack.select(-dims, int(self._t) % stack.shape[-dims])
+        if stack is None:
+            return None
+        step = (self._t.long() % stack.shape[-dims]).reshape(1)
+        return stack.index_select(-dims, step).squeeze(-dims)
 
     A = property(lambda self: self._now(self._A, 3), doc="State matrix now, (..., n, n).")
     B = property(lambda self: self._now(self._B, 3), doc="Input matrix now, (..., n, m).")
@@ -113,15 +119,37 @@ class LTV(LTI):
         """Sets the clock to ``t``, where it is given, and returns the system."""
         return self if t is None else self.reset(t)
 
-    def _at_time(self, function, matrices, x, u, t, wrt):
-        t = self._t if t is None else torch.as_tensor(t)
+    def mapped(self, name, t=None, clock=True) -> Callable:
+        """Returns ``(x, u) -> f(x, u, t)`` for any batch; see :meth:`System.mapped`."""
+        t, at_once = self._time(t), super().mapped
         if t.numel() == 1:
-            return super()._at_time(function, matrices, x, u, t.reshape(()), wrt)
-        lead = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1], t.shape)
-        t = t.reshape(*[1] * (len(lead) - t.ndim), *t.shape)
-        rows = zip(x.expand(*lead, -1), u.expand(*lead, -1), t.expand(lead[0], *t.shape[1:]))
-        steps = [self._at_time(function, matrices, *row, wrt) for row in rows]
-        return tuple(torch.stack(part) for part in zip(*steps))
+            return at_once(name, t.reshape(()), clock)
+
+        def each(x, u, t):
+            return (self.mapped(name, t, clock)(x, u),)
+
+        return lambda x, u: _row_by_row(each, x, u, t)[0]
+
+    def _with_matrices(self, function, matrices, x, u, t, wrt):
+        t, at_once = self._time(t), super()._with_matrices
+        if t.numel() == 1:
+            return at_once(function, matrices, x, u, t.reshape(()), wrt)
+
+        def each(x, u, t):
+            return self._with_matrices(function, matrices, x, u, t, wrt)
+
+        return _row_by_row(each, x, u, t)
+
+
+def _row_by_row(function: Callable, x: Tensor, u: Tensor, t: Tensor) -> tuple[Tensor, ...]:
+    """Returns the results of ``function(x, u, t)`` for each row of t, stacked.
+
+    Matrices that change with time are those of one time only.
+    """
+    lead = torch.broadcast_shapes(x.shape[:-1], u.shape[:-1], t.shape)
+    t = t.reshape(*[1] * (len(lead) - t.ndim), *t.shape)
+    rows = zip(x.expand(*lead, -1), u.expand(*lead, -1), t.expand(lead[0], *t.shape[1:]))
+    return tuple(torch.stack(part) for part in zip(*(function(*row) for row in rows)))
 
 
 def _affine(M: Tensor, x: Tensor, N: Tensor, u: Tensor, c: Tensor | None) -> Tensor:

@@ -5,7 +5,7 @@ Each parameter may be a number, a tensor or an ``nn.Parameter``, and may then be
 
 import torch
 
-from .system import NLS
+from .nonlinear import NLS
 
 
 class DubinsCar(NLS):

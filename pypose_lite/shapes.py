@@ -124,7 +124,7 @@ def has_numbers(x: Tensor) -> bool:
     """
     if torch.compiler.is_compiling():
         return False
-    while inside_transform(x):
+    while torch._C._functorch.is_functorch_wrapped_tensor(x):
         if torch._C._functorch.is_batchedtensor(x):
             return False
         x = torch._C._functorch.get_unwrapped(x)
@@ -134,10 +134,12 @@ def has_numbers(x: Tensor) -> bool:
 def inside_transform(x: Tensor) -> bool:
     """Returns whether x is inside ``torch.vmap``, ``torch.func.grad`` or another such transform.
 
-    There its derivatives are taken by transforms, too. torch has no public name for this question:
-    this function and :func:`has_numbers` are the one place for the private ones.
+    There derivatives are taken by transforms, too, even with respect to an x that no transform
+    knows. torch has no public name for this question: this function and :func:`has_numbers` are
+    the one place for the private ones.
     """
-    return torch._C._functorch.is_functorch_wrapped_tensor(x)
+    wrapped = torch._C._functorch.is_functorch_wrapped_tensor(x)
+    return wrapped or torch._C._functorch.maybe_current_level() is not None
 
 
 def register(module: nn.Module, name: str, value: Tensor | None) -> None:

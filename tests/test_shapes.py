@@ -155,6 +155,8 @@ def test_numbers_can_be_asked_for_but_in_vmap_and_while_torch_compiles():
     asked = {"outside": (True, False), "grad": (True, True), "jacrev": (True, True)}
     mapped = dict.fromkeys(("vmap", "grad in vmap", "vmap in grad"), (False, True))
     assert seen == asked | mapped | {"jvp": (True, True)}
+    torch.vmap(lambda other: note("beside vmap")(x) + other)(x)
+    assert seen["beside vmap"] == (True, True)  # x itself is as it was, requires_grad_ is refused
     compiled = torch.compile(lambda x: x * 2 if has_numbers(x) else x, backend="eager")
     close(compiled(x), x, 0)
 

@@ -240,15 +240,14 @@ claim("same_covariances", (Ps - run.P[0]).abs().max(), below=1e-12)
 # %% [markdown]
 # ## The library's version
 #
-# That claim replayed one recorded lap, and the library's filter gave the same numbers. Here is
-# what it is made of. A `Joint` holds how the state and an observation (or a next state) vary
-# together; for the EKF that is $L$ and $C L$, where $P = L L^\top$.
+# That claim replayed one recorded lap, and the library's filter gave the same numbers. Here are its
+# two steps. `f` and `g` are the car's functions at this step, with input and time filled in; $L$ is
+# the root of the covariance, $P = L L^\top$, and `square(M)` is $M M^\top$.
 
 # %%
-for part in (pp.EKF.joint_observation, pp.EKF.joint_transition, filters.ekf.tangent):
-    print(inspect.getsource(part))
 print(inspect.getsource(pp.EKF._update))
-print(inspect.getsource(filters.gaussian.condition).split('"""')[2])
+print(inspect.getsource(pp.EKF._predict))
+print(inspect.getsource(filters.gaussian.divide))
 
 # %% [markdown]
 # Three things differ from ours: no matrix is inverted (`cholesky_solve`), a batch may come first,

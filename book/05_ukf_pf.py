@@ -264,16 +264,16 @@ claim("same_copies", same.all(), equals=True)
 # %% [markdown]
 # ## The library's version
 #
-# Both claims compared with the library, whose UKF shares all but the points with its EKF. The
-# `Joint` of chapter 4 now holds how points and their images vary together. With `k=None` the weight
-# of the centre is never negative: the often used $k = 3 - n$ would be, for more than three numbers,
-# and a negative weight can make a covariance that is none.
+# Both claims compared with the library, whose UKF has the EKF's two steps, with the points' images
+# in the place of tangents: `g.spread` returns their mean and how each differs from it. With
+# `k=None` the weight of the centre is never negative: the often used $k = 3 - n$ would be, for more
+# than three numbers, and with a negative weight a computed covariance can have a negative variance.
 
 # %%
 print(inspect.getsource(filters.sigma_points).split('"""')[2])
-print(inspect.getsource(pp.UKF.joint_observation))
-print(inspect.getsource(filters.gaussian.spread).split('"""')[2])
-print(inspect.getsource(pp.PF._explain))
+print(inspect.getsource(pp.UKF._update))
+print(inspect.getsource(filters.function.Function.spread).split('"""')[2])
+print(inspect.getsource(filters.pf._explain))
 print(inspect.getsource(pp.PF.step).split('"""')[2])
 
 # %% [markdown]

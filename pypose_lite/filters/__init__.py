@@ -6,9 +6,11 @@ All filters share one convention: ``y[i]`` belongs to the state before step i, a
 
 from .base import Filter, GaussianFilter
 from .consistency import chi_square_interval, nees, nis
+from .differences import angles, wrap
 from .ekf import EKF
 from .gaussian import Innovation
-from .pf import PF, Particles, multinomial, resample, systematic
+from .particles import Particles, multinomial, resample, systematic
+from .pf import PF
 from .smoother import smooth
 from .ukf import UKF, sigma_points
 
@@ -20,6 +22,7 @@ __all__ = [
     "GaussianFilter",
     "Innovation",
     "Particles",
+    "angles",
     "chi_square_interval",
     "multinomial",
     "nees",
@@ -28,4 +31,5 @@ __all__ = [
     "sigma_points",
     "smooth",
     "systematic",
+    "wrap",
 ]

@@ -1,4 +1,9 @@
-"""The unscented Kalman filter: 2 n + 1 chosen points go through the model instead of a tangent."""
+"""The unscented Kalman filter: 2 n + 1 chosen points go through the model instead of a tangent.
+
+The points have the mean and the covariance of the belief. Their images under f or g stand for the
+image of the belief: their weighted mean and covariance are right to second order, where a tangent
+is to first, and no Jacobian is taken. On a linear system this is the exact Kalman filter.
+"""
 
 import functools
 import math
@@ -8,15 +13,31 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..linalg import bmv
+from ..shapes import has_numbers
 from .base import GaussianFilter
-from .gaussian import Joint, factor, spread
+from .function import Function
+from .gaussian import Correction, divide, factor
 
 
 class UKF(GaussianFilter):
     """Unscented Kalman filter: ``x[i+1], P = ukf(x[i], y[i], u[i], P, Q, R)``.
 
-    The same steps as the EKF's, with :func:`sigma_points` for its tangents; they are drawn
-    anew after the correction.
+    With sigma points x + dx_j and their weights w_j, update with y[i]:
+
+        z = mean of g(x + dx_j),  dz_j = g(x + dx_j) - z      (1)
+        e = y - z                                             (2)
+        S = sum w dz dz' + R                                  (3)
+        K = sum w dx dz' S^-1                                 (4)
+        x <- x + K e                                          (5)
+        P <- sum w (dx - K dz)(dx - K dz)' + K R K'           (6)
+
+    then, with new points, predict x[i+1]:
+
+        x <- mean of f(x + dx_j),  dz_j = f(x + dx_j) - x     (7)
+        P <- sum w dz dz' + Q                                 (8)
+
+    (6) is Joseph's form, as in the EKF. It is a sum of squares where no weight is negative.
 
     Args:
         model: the system; no Jacobian is taken.
@@ -24,31 +45,53 @@ class UKF(GaussianFilter):
         R: observation noise covariance ``(..., p, p)``, symmetric > 0.
         msqrt: a square root of a covariance, M with ``M M' = P`` or ``M' M = P``. None is
             Cholesky's factor, also of a P that is only semi-definite.
-        residual: the difference of two observations, for angles.
+        S: covariance of the two noises of a step, ``(..., n, p)``; None is 0.
+        residual: the difference of two observations, where they have angles.
+        residual_x: the difference of two states, where they have angles.
+        mean_x: the mean of weighted states; None follows from ``residual_x``.
 
-    All methods take ``k > -n``, the weight of the centre against the others, see
-    :func:`sigma_points`.
+    All methods take ``k > -n``, which sets how far out the points lie, see :func:`sigma_points`.
+    Their other arguments and errors are those of :class:`GaussianFilter`.
 
     Source: D. Simon, "Optimal State Estimation" (2006), section 14.3.
     """
 
-    def __init__(self, model, Q=None, R=None, msqrt=None, *, residual=None):
-        super().__init__(model, Q, R, residual=residual)
+    def __init__(
+        self,
+        model,
+        Q=None,
+        R=None,
+        msqrt=None,
+        *,
+        S=None,
+        residual=None,
+        residual_x=None,
+        mean_x=None,
+    ):
+        differences = {"residual": residual, "residual_x": residual_x, "mean_x": mean_x}
+        super().__init__(model, Q, R, S=S, **differences)
         self.msqrt = msqrt
 
-    def forward(self, x, y, u, P, Q=None, R=None, t=None, k=None):  # type: ignore[override]
+    def forward(self, x, y, u, P, Q=None, R=None, t=None, k=None, *, S=None):  # type: ignore[override]
         """Returns x and P of the next state: corrected with y, then predicted."""
-        return super().forward(x, y, u, P, Q, R, t, k=k)
+        return super().forward(x, y, u, P, Q, R, t, S=S, k=k)
 
-    def joint_transition(self, x, u, P, t, k=None) -> Joint:
-        """Returns how x and f(x, u, t) vary over the sigma points."""
+    def _update(self, g: Function, x, y, P, R, k=None) -> Correction:  # type: ignore[override]
         dx, w = sigma_points(P, k, self.msqrt)
-        return spread(lambda x: self.model.transition(x, u, t), x, dx, w, torch.sub)
+        z, dz = g.spread((x.unsqueeze(-1) + dx).mT, w)  # (1)
+        e = g.difference(y, z)  # (2)
+        S = (w * dz) @ dz.mT + R  # (3)
+        K = divide((w * dx) @ dz.mT, S)  # (4)
+        x = x + bmv(K, e)  # (5)
+        rest = dx - K @ dz
+        P = (w * rest) @ rest.mT + K @ R @ K.mT  # (6)
+        return Correction(x, P, z, e, S, K)
 
-    def joint_observation(self, x, u, P, t, k=None) -> Joint:
-        """Returns how x and g(x, u, t) vary over the sigma points."""
+    def _predict(self, f: Function, x, P, Q, k=None):  # type: ignore[override]
         dx, w = sigma_points(P, k, self.msqrt)
-        return spread(lambda x: self.model.observe(x, u, t), x, dx, w, self.residual)
+        x, dz = f.spread((x.unsqueeze(-1) + dx).mT, w)  # (7)
+        P = (w * dz) @ dz.mT + Q  # (8)
+        return x, P
 
 
 def sigma_points(P: Tensor, k=None, msqrt: Callable | None = None) -> tuple[Tensor, Tensor]:
@@ -64,11 +107,18 @@ def sigma_points(P: Tensor, k=None, msqrt: Callable | None = None) -> tuple[Tens
             a covariance indefinite, and 0 is the nearest that cannot (the cubature rule).
         msqrt: as in :class:`UKF`.
 
+    The *scaled* sigma points of other libraries have three numbers, alpha, beta and kappa, and
+    ``lambda = alpha^2 (n + kappa) - n``. With ``k = lambda`` the points are the same, and so are
+    the weights of means. For covariances the scaled transform weighs the centre by
+    ``1 - alpha^2 + beta`` more; here one set of weights serves both, so that the results are equal
+    where ``beta = alpha^2 - 1``: with alpha = 1, beta = 0 and kappa = k.
+
     Returns:
         dx ``(..., n, 2n+1)`` and w ``(2n+1,)``.
 
     Source: S. Julier, J. Uhlmann, "A new extension of the Kalman filter to nonlinear systems"
-    (1997); k = 0: I. Arasaratnam, S. Haykin, "Cubature Kalman filters" (2009).
+    (1997); k = 0: I. Arasaratnam, S. Haykin, "Cubature Kalman filters" (2009); scaled points:
+    E. Wan, R. van der Merwe, "The unscented Kalman filter for nonlinear estimation" (2000).
     """
     n = P.shape[-1]
     k = max(3 - n, 0) if k is None else k
@@ -90,8 +140,9 @@ def _unit_points(n: int, k: float) -> tuple[Tensor, Tensor]:
 def _square_root(msqrt: Callable, P: Tensor) -> Tensor:
     """Returns M with ``M M' = P``, whichever of the two kinds of root msqrt gives."""
     M, size = msqrt(P), P.detach().abs().amax()
-    tolerance = math.sqrt(torch.finfo(P.dtype).eps) * size
-    for root in (M, M.mT):
-        if (root @ root.mT - P).abs().amax() <= tolerance:
-            return root
-    raise ValueError("msqrt: expected M with M M' = P or M' M = P, got neither")
+    errors = [(root @ root.mT - P).abs().amax() for root in (M, M.mT)]
+    if not has_numbers(size):
+        return torch.where(errors[0] <= errors[1], M, M.mT)
+    if not min(errors) <= math.sqrt(torch.finfo(P.dtype).eps) * size:
+        raise ValueError("msqrt: expected M with M M' = P or M' M = P, got neither")
+    return M if errors[0] <= errors[1] else M.mT

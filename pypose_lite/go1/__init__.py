@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .log import read_log
     from .robot import Robot
     from .safety.limits import Gait, Mode
-    from .safety.pilot import Pilot, RobotTimeout
+    from .safety.pilot import Pilot, RobotStopped, RobotTimeout
     from .simulator.body import Numbers
     from .simulator.faults import Faults
     from .simulator.simulated_robot import SimulatedRobot, Simulation
@@ -26,6 +26,7 @@ _PLACES = {
     "connect": "connection",
     "Robot": "robot",
     "RobotTimeout": "safety.pilot",
+    "RobotStopped": "safety.pilot",
     "Pilot": "safety.pilot",
     "Mode": "safety.limits",
     "Gait": "safety.limits",
@@ -41,6 +42,7 @@ __all__ = [
     "connect",
     "Robot",
     "RobotTimeout",
+    "RobotStopped",
     "Pilot",
     "Mode",
     "Gait",

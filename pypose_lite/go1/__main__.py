@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from . import RobotTimeout, connect, read_log
 from .robot import Robot
-from .walk import START, STEP, Stuck, draw, reasons_to_stay, walk
+from .walk import START, STEP, Stuck, draw, walk
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,7 +68,7 @@ def _walk(robot: Robot, options: argparse.Namespace) -> int | None:
 
 def _agreed(robot: Robot, options: argparse.Namespace) -> bool:
     """Whether the robot may walk: it is fit, and who stands beside it has been asked."""
-    if reasons := reasons_to_stay(robot):
+    if reasons := robot.reasons_to_stay():
         print("it does not walk: " + "; ".join(reasons))
         return False
     seconds = 4 * math.pi / (0.8 * options.speed_limit)
@@ -85,7 +85,7 @@ def _agreed(robot: Robot, options: argparse.Namespace) -> bool:
     except EOFError:
         print("\nnobody answers; --yes walks without asking")
         return False
-    reasons = reasons_to_stay(robot) if agreed else ["you said no"]
+    reasons = robot.reasons_to_stay() if agreed else ["you said no"]
     if reasons:
         print("it does not walk: " + "; ".join(reasons))
     return not reasons

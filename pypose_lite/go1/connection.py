@@ -1,21 +1,36 @@
-"""`connect`: from an address to a robot."""
+"""`connect`: from an address to a robot.
+
+Three kinds of robots speak the same packets, so that nothing behind `Robot` knows which it has:
+
+    "udp://host:port"   a real one, or the simulator's program: a socket, the wall clock, a guardian
+    "sim"               a simulated one in this program: a pair of ends in memory, stepped time
+    "replay:run.csv"    a recorded one: the same, and it does not obey
+
+`connect` puts the parts together (transport, clock, guardian, pilot, log), hands them to a `Robot`,
+and waits for the first state. Each part tells an `ExitStack` how it is closed; it runs backwards,
+so that the farewell goes out first and the socket is closed last, also when `connect` itself fails
+half way. One program has one robot at an address: a second `connect` closes the first.
+"""
 
 import atexit
 import contextlib
 import math
 import os
 import threading
-from collections.abc import Callable
+import warnings
+import weakref
+from collections.abc import Callable, Collection
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from .log import Log, read_log
 from .robot import Line, Robot
-from .safety import signals
+from .safety import rules, signals
 from .safety.clocks import SteppedClock, WallClock
 from .safety.guardian import Guardian
 from .safety.limits import Gait
 from .safety.pilot import Pilot
+from .safety.rules import Area, Motion, Pose
 from .simulator.body import STEP
 from .simulator.recorded_robot import RecordedRobot
 from .simulator.simulated_robot import SimulatedRobot, Simulation
@@ -23,6 +38,7 @@ from .wire.protocol import COMMAND_SIZE, HIGH_LEVEL
 from .wire.transport import Udp, pair
 
 MARGIN = 0.05  # s, by which a command expires early: a busy computer may keep the sender waiting
+_robots: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
 
 
 def connect(
@@ -33,8 +49,12 @@ def connect(
     *,
     gait: str = "trot",
     speed_limit: float | None = None,
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    start: Pose = (0.0, 0.0, 0.0),
+    area: Area | None = None,
+    trim: Motion = (0.0, 0.0, 0.0),
+    ignore: Collection[str] = (),
     log: str | Path | None = None,
+    overwrite: bool = False,
     realtime: bool | None = None,
     simulation: Simulation | None = None,
 ) -> Robot:
@@ -50,31 +70,32 @@ def connect(
         gait: "trot", "run" or "stairs": whose limits hold.
         speed_limit: m/s, a further limit.
         start: (x, y, heading) in m and rad that `pose` says where the robot stands now.
-        log: a CSV file to write the run to.
+        area: (least x, greatest x, least y, greatest y) in m, which it may not leave.
+        trim: m/s forward, m/s left, rad/s, added to every motion of a robot that drifts.
+        ignore: safety rules to do without, by their names (`safety.rules.NAMES`): "battery" where
+            its board is silent, "motion" and "posture" on a stand.
+        log: a CSV file to write the run to, made when the robot has spoken.
+        overwrite: whether that file may be there already, and is lost.
         realtime: whether a simulated or recorded robot lives by the wall clock. If not (as by
             default), its time passes in `wait` alone, as fast as the computer goes and the same
             every time.
         simulation: of "sim": its model, seed, numbers and faults.
 
     Raises:
-        RobotTimeout: no state came.
+        RobotTimeout: no state came; it says what did come.
+        FileExistsError: the log is there already.
         ValueError: an argument that does not fit.
     """
-    _check(address, level_flag, rate, command_timeout, gait, speed_limit)
-    if simulation is not None and address != "sim":
-        raise ValueError(f"simulation: only for 'sim', not for {address!r}")
-    if realtime is False and address.startswith("udp:"):
-        raise ValueError("realtime: a robot on UDP lives by the wall clock")
-    if not all(map(math.isfinite, start)):
-        raise ValueError(f"start: expected finite numbers, got {start!r}")
-    pilot = Pilot(level_flag, command_timeout, MARGIN, speed_limit, start)
+    _check_line(address, level_flag, rate, command_timeout, realtime, simulation)
+    _check_walk(gait, speed_limit, start, area, trim)
+    pilot = Pilot(level_flag, command_timeout, MARGIN, speed_limit, start, area, ignore, trim)
     closers = contextlib.ExitStack()
     try:
+        book = None if log is None else closers.enter_context(_log(address, log, overwrite))
         if address.startswith("udp:"):
             line = _on_udp(address, rate, command_timeout, closers)
         else:
             line = _in_memory(address, rate, bool(realtime), simulation, closers)
-        book = None if log is None else closers.enter_context(contextlib.closing(Log(log)))
         robot = Robot(address, line, pilot, Gait[gait.upper()], book, closers)
         if line.guardian is not None:  # a real robot: it is stopped however the program ends
             atexit.register(robot.close)
@@ -83,7 +104,20 @@ def connect(
     except BaseException:
         closers.close()
         raise
+    if address.startswith("udp:"):
+        _robots[address] = robot
+        if reason := rules.wrong_flag(robot.state, level_flag):
+            warnings.warn(f"{reason}: it will not move", stacklevel=2)
     return robot
+
+
+def _log(address: str, path: str | Path, overwrite: bool) -> contextlib.closing[Log]:
+    """The log of a run, which may not be the recording that is played back."""
+    log = Log(path, overwrite)
+    recording = Path(address.removeprefix("replay:"))
+    if recording.exists() and Path(path).exists() and recording.samefile(path):
+        raise ValueError(f"log: {path} is the recording that is played back")
+    return contextlib.closing(log)
 
 
 def _on_udp(address: str, rate: float, timeout: float, closers: contextlib.ExitStack) -> Line:
@@ -95,7 +129,7 @@ def _on_udp(address: str, rate: float, timeout: float, closers: contextlib.ExitS
         raise ValueError(f"address: {address!r}: {error}") from None
     if not host or not port or parts.path or parts.query:
         raise ValueError(f"address: expected 'udp://host:port', got {address!r}")
-    transport = closers.enter_context(contextlib.closing(Udp(host, port)))
+    transport = closers.enter_context(contextlib.closing(Udp(host, port, _leave(address))))
     signals.arm()
     closers.callback(signals.disarm)
     guardian = None
@@ -103,6 +137,18 @@ def _on_udp(address: str, rate: float, timeout: float, closers: contextlib.ExitS
         guardian = Guardian(transport.socket, COMMAND_SIZE, 1.0 / rate, timeout / 2.0)
         closers.callback(guardian.close)
     return Line(transport, WallClock(rate), guardian)
+
+
+def _leave(address: str) -> int:
+    """Closes this program's earlier robot there; its port, for the robot knows that one."""
+    earlier = _robots.pop(address, None)
+    if earlier is None or earlier.closed:
+        return 0
+    transport = earlier._transport
+    port = transport.port if isinstance(transport, Udp) else 0
+    warnings.warn(f"{address}: the robot of an earlier connect is closed", stacklevel=4)
+    earlier.close()
+    return port
 
 
 def _in_memory(
@@ -136,15 +182,15 @@ def _live(step: Callable[[float], None], stopped: threading.Event) -> None:
         step(STEP)
 
 
-def _check(
+def _check_line(
     address: str,
     level_flag: int,
     rate: float,
     timeout: float,
-    gait: str,
-    speed_limit: float | None,
+    realtime: bool | None,
+    simulation: Simulation | None,
 ) -> None:
-    """Raises ValueError where an argument of `connect` does not fit."""
+    """Raises ValueError where an argument that says how to speak to the robot does not fit."""
     if address != "sim" and not address.startswith(("udp:", "replay:")):
         expected = "'sim', 'udp://host:port' or 'replay:run.csv'"
         raise ValueError(f"address: expected {expected}, got {address!r}")
@@ -154,7 +200,23 @@ def _check(
         raise ValueError(f"rate: expected 100 to 500 Hz, got {rate!r}")
     if not 0.1 <= timeout <= 1.0:
         raise ValueError(f"command_timeout: expected 0.1 to 1 s, got {timeout!r}")
+    if simulation is not None and address != "sim":
+        raise ValueError(f"simulation: only for 'sim', not for {address!r}")
+    if realtime is False and address.startswith("udp:"):
+        raise ValueError("realtime: a robot on UDP lives by the wall clock")
+
+
+def _check_walk(
+    gait: str, speed_limit: float | None, start: Pose, area: Area | None, trim: Motion
+) -> None:
+    """Raises ValueError where an argument that says how it may walk does not fit."""
     if gait not in ("trot", "run", "stairs"):
         raise ValueError(f"gait: expected 'trot', 'run' or 'stairs', got {gait!r}")
     if speed_limit is not None and not 0 < speed_limit < math.inf:
         raise ValueError(f"speed_limit: expected m/s above 0, got {speed_limit!r}")
+    if len(start) != 3 or not all(map(math.isfinite, start)):
+        raise ValueError(f"start: expected three finite numbers, got {start!r}")
+    if len(trim) != 3 or not all(map(math.isfinite, trim)):
+        raise ValueError(f"trim: expected three finite numbers, got {trim!r}")
+    if area is not None and not (len(area) == 4 and area[0] < area[1] and area[2] < area[3]):
+        raise ValueError(f"area: expected (least x, most x, least y, most y) in m, got {area!r}")

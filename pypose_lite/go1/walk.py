@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .log import Row
-from .robot import UPRIGHT, Robot
+from .robot import Robot
 
 if TYPE_CHECKING:  # torch and the control code are loaded when a walk begins
     from torch import Tensor
@@ -20,24 +20,9 @@ if TYPE_CHECKING:  # torch and the control code are loaded when a walk begins
     from ..infinity import Run
 
 START = (0.0, 0.0, -math.pi / 2)  # where the infinity begins, and which way
-LOWEST_CHARGE = 20  # %
-OLDEST_STATE = 0.1  # s
 FASTEST_TURN = 1.2  # rad/s
 STEP = 0.1  # s, of the loop
 SLOWEST, LONGEST = 0.02, 3.0  # m/s and s: who plans no more than that for so long is stuck
-
-
-def reasons_to_stay(robot: Robot) -> list[str]:
-    """Why the robot should not walk now; empty if it may."""
-    state = robot.state
-    reasons = []
-    if state.bms.soc < LOWEST_CHARGE:
-        reasons.append(f"the battery is at {state.bms.soc} %, below {LOWEST_CHARGE} %")
-    if state.body_height < UPRIGHT:
-        reasons.append(f"the body is {state.body_height:.2f} m above the ground: it lies")
-    if robot.age > OLDEST_STATE:
-        reasons.append(f"its state is {robot.age:.2f} s old, more than {OLDEST_STATE} s")
-    return reasons
 
 
 def walk(

@@ -1,4 +1,8 @@
-"""Two ways for time to pass: by the wall clock, or in steps as fast as the computer goes."""
+"""Two ways for time to pass: by the wall clock, or in steps as fast as the computer goes.
+
+Both beat at a fixed rate, and in every beat the robot speaks and hears. On the wall clock a thread
+does that, whatever the program does meanwhile; in steps it happens while the program waits.
+"""
 
 import math
 import threading
@@ -16,9 +20,10 @@ class WallClock:
 
     def __init__(self, rate: float) -> None:
         self._period = 1.0 / rate
-        self._left = math.inf  # beats still to come
+        self._last = math.inf  # beats from the order to end to the end
         self._waited = time.monotonic()
         self._thread: threading.Thread | None = None
+        self._ended = threading.Event()  # not `join`, which a Ctrl-C leaves in disorder
 
     def start(self, beat: Beat) -> None:
         """Begins to beat."""
@@ -33,25 +38,21 @@ class WallClock:
         time.sleep(max(due - now, 0.0))
         self._waited = max(due, now)
 
-    def stop(self, after: float) -> None:
-        """Ends when it has gone on for `after` seconds."""
-        self._left = math.ceil(after / self._period)
-        if self._thread is not None:
-            limit = 2.0 * after + 1.0
-            try:
-                self._thread.join(limit)
-            finally:  # a second Ctrl-C does not cut the last beats short
-                self._thread.join(limit)
+    def stop(self, after: float) -> bool:
+        """Ends when it has gone on for `after` seconds; whether all those beats came."""
+        self._last = math.ceil(after / self._period)
+        return self._thread is None or self._ended.wait(2.0 * after + 1.0)
 
     def _run(self, beat: Beat) -> None:
-        due = time.monotonic()
-        while self._left > 0:
+        due, last = time.monotonic(), 0
+        while last < self._last:
             now = time.monotonic()
             late = now - due > DROWSY
             due = max(due, now - self._period) + self._period  # and nothing is caught up
             beat(late, lambda until=due: until - time.monotonic())  # type: ignore[misc]
             time.sleep(max(due - time.monotonic(), 0.0))
-            self._left -= 1
+            last += self._last < math.inf
+        self._ended.set()
 
 
 class SteppedClock:
@@ -80,10 +81,11 @@ class SteppedClock:
         while (self._beats + 1) / self._rate <= self._end + 1e-9:
             self._tick()
 
-    def stop(self, after: float) -> None:
-        """Ends when it has gone on for `after` seconds."""
+    def stop(self, after: float) -> bool:
+        """Ends when it has gone on for `after` seconds; True, as all those beats came."""
         self.wait(after)
         self._beat = None
+        return True
 
     def _tick(self) -> None:
         self._beats += 1

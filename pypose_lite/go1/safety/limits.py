@@ -87,9 +87,29 @@ def slower(command: HighCmd, limit: float) -> HighCmd:
     return replace(command, velocity=velocity, yaw_speed=command.yaw_speed * limit / speed)
 
 
+def motion(command: HighCmd) -> tuple[float, float, float]:
+    """The motion that a command asks for: forward and left in m/s, turn in rad/s."""
+    return (*command.velocity, command.yaw_speed)
+
+
+def trimmed(command: HighCmd, trim: tuple[float, float, float]) -> HighCmd:
+    """The same motion with `trim` added, against a robot that drifts; a stand stays a stand."""
+    if not any(motion(command)):
+        return command
+    forward, left, turn = (asked + more for asked, more in zip(motion(command), trim))
+    return replace(command, velocity=(forward, left), yaw_speed=turn)
+
+
 def still(command: HighCmd) -> HighCmd:
     """The same command at zero velocity: what goes out when nobody renews it."""
     return replace(command, velocity=(0.0, 0.0), yaw_speed=0.0)
+
+
+def settled(command: HighCmd) -> HighCmd:
+    """What goes out when zero velocity has ended a walk: a stand. Other modes stay as they are."""
+    if command.mode != Mode.WALK:
+        return still(command)
+    return HighCmd(level_flag=command.level_flag, mode=Mode.STAND)
 
 
 def _refuse(command: HighCmd) -> None:

@@ -1,10 +1,13 @@
-"""Lets a program that is told to end run its `with` and `finally` blocks first.
+"""What Ctrl-C, `kill -TERM` and a closed terminal do to a program that drives a robot.
 
-Without this, `kill -TERM` or a closed terminal ends Python on the spot.
+`arm` lets a program that is told to end run its `with` and `finally` blocks first: without, a
+TERM or HUP ends Python on the spot. `postponed` keeps whatever comes then from cutting the
+farewell short: one impatient Ctrl-C after another is still one complete farewell.
 """
 
 import contextlib
 import signal
+from collections.abc import Iterator
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -32,6 +35,28 @@ def disarm() -> None:
             if signal.getsignal(number) == _leave:
                 signal.signal(number, _before[number])
             del _before[number]
+
+
+@contextlib.contextmanager
+def postponed() -> Iterator[None]:
+    """Runs a block to its end; a signal that comes meanwhile does its work afterwards.
+
+    Of several, an order to end goes before a Ctrl-C. In another thread than the main one, where
+    no signal arrives, this does nothing.
+    """
+    came: list[int] = []
+    found: dict[int, Any] = {}
+    with contextlib.suppress(ValueError):
+        for number in (signal.SIGINT, *ENDINGS):
+            if signal.getsignal(number) not in (None, signal.SIG_IGN):
+                found[number] = signal.signal(number, lambda n, frame: came.append(n))
+    try:
+        yield
+    finally:
+        for number, handler in found.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(next((n for n in came if n != signal.SIGINT), came[0]))
 
 
 def _leave(number: int, frame: FrameType | None) -> NoReturn:

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     numbers = Numbers(lag=options.lag, dead_band=options.dead_band)
     setup = Simulation(options.model, options.seed, numbers, faults, options.freeze, options.vanish)
     print(f"simulated Go1 ({options.model}) on udp://{options.host}:{server.port}", flush=True)
-    simulator = SimulatedRobot(server, setup)
+    simulator = SimulatedRobot(server, setup, report=_say)
     try:
         while True:
             simulator.step(timeout=STEP)
@@ -34,6 +34,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         pass
     finally:
         server.close()
+
+
+def _say(line: str) -> None:
+    """Prints a line at once, also into a pipe."""
+    print(line, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:

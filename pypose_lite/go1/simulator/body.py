@@ -62,12 +62,15 @@ class Dog:
     Attributes:
         pose: where it truly is, (x, y, heading) in m and rad, from (0, 0, 0) at power-on.
         command: what it was asked last.
+        leaning: roll and pitch in rad that have befallen it.
+        remote: what its remote control says, 40 bytes.
     """
 
     def __init__(self, numbers: Numbers, seed: int = 0, model: str = "edu") -> None:
         if model not in SERIAL:
             raise ValueError(f"model: expected one of {[*SERIAL]}, got {model!r}")
         self.numbers, self.pose, self.command = numbers, (0.0, 0.0, 0.0), HighCmd()
+        self.leaning, self.remote = (0.0, 0.0), bytes(40)
         self._random = random.Random(seed)
         draw = self._random.uniform  # the odometry starts anywhere: the robot was walked before
         self._odometry = (draw(-5, 5), draw(-5, 5), draw(-math.pi, math.pi))
@@ -116,15 +119,16 @@ class Dog:
             body_height=self._height,
             velocity=(forward, left, 0.0),
             yaw_speed=turn,
+            wireless_remote=self.remote,
         )
 
     def _imu(self) -> Imu:
         """The inertial sensor, whose noise is in every state a new one."""
         yaw = math.remainder(self._odometry[2], 2 * math.pi)
-        roll, pitch = self.command.euler[:2] if self.command.mode == Mode.STAND else (0.0, 0.0)
+        roll, pitch = self.command.euler[:2] if self.command.mode == Mode.STAND else self.leaning
         noise = [self._random.gauss(0.0, self.numbers.sensor) for _ in range(6)]
         return Imu(
-            quaternion=_quaternion(roll, pitch, yaw),
+            quaternion=quaternion(roll, pitch, yaw),
             gyroscope=(noise[0], noise[1], self._velocity[2] + noise[2]),
             accelerometer=(noise[3], noise[4], 9.81 + noise[5]),
             rpy=(roll, pitch, yaw),
@@ -163,7 +167,7 @@ def _moved(pose: tuple, forward: float, left: float, turn: float) -> tuple[float
     )
 
 
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """(w, x, y, z) of a rotation by yaw, then pitch, then roll, about the moving axes."""
     cr, sr, cp, sp = (
         math.cos(roll / 2),

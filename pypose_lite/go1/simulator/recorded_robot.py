@@ -8,6 +8,7 @@ from collections.abc import Callable
 from ..log import Row
 from ..wire.protocol import BmsState, HighState, Imu, ProtocolError, decode_command, encode_state
 from ..wire.transport import Transport
+from .body import quaternion
 
 
 class RecordedRobot:
@@ -46,15 +47,15 @@ class RecordedRobot:
 
 def _recorded(row: Row) -> HighState:
     """A state with what a row holds; its time, in a reserved field, keeps rows apart."""
+    rpy = row.roll, row.pitch, row.heading
+    feet = row.foot_fr, row.foot_fl, row.foot_rr, row.foot_rl
     return HighState(
-        imu=Imu(
-            quaternion=(math.cos(row.heading / 2), 0.0, 0.0, math.sin(row.heading / 2)),
-            rpy=(0.0, 0.0, row.heading),
-        ),
+        imu=Imu(quaternion=quaternion(*rpy), rpy=rpy),
         bms=BmsState(soc=int(row.soc)),
+        foot_force=tuple(int(force) if math.isfinite(force) else 0 for force in feet),
         mode=int(row.mode),
         progress=row.t,
-        position=(row.x, row.y, row.body_height),
+        position=(row.x, row.y, row.body_height if math.isfinite(row.body_height) else 0.0),
         body_height=row.body_height,
         velocity=(row.v, row.left, 0.0),
         yaw_speed=row.yaw_rate,

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ..safety.limits import still
+from ..safety.limits import NUMBERS, still
 from ..wire.protocol import (
     COMMAND_SIZE,
     HEAD,
@@ -20,6 +20,8 @@ from ..wire.protocol import (
 from ..wire.transport import Transport
 from .body import STEP, Dog, Numbers
 from .faults import Faults, FaultyLine
+
+GREATEST = 100.0  # m/s, rad/s, rad, m: more is nonsense
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class SimulatedRobot:
         dog: the body; `dog.pose` is where it truly is.
         applied: how many commands it has taken.
         refused: how many datagrams it did not take.
+        report: called with a line for each kind of nonsense that it refuses, once.
     """
 
     def __init__(
@@ -59,9 +62,11 @@ class SimulatedRobot:
         transport: Transport,
         simulation: Simulation,
         now: Callable[[], float] = time.monotonic,
+        report: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.dog = Dog(simulation.numbers, simulation.seed, simulation.model)
         self.applied = self.refused = 0
+        self.report, self._reported = report, set[str]()
         self._line = FaultyLine(transport, simulation.faults, simulation.seed, now)
         self._simulation, self._now = simulation, now
         self._time = self._heard = now()  # the body's time; when a command was last applied
@@ -100,6 +105,12 @@ class SimulatedRobot:
         except ProtocolError:
             self.refused += 1
             return len(data) == COMMAND_SIZE and data[:2] == HEAD
+        if nonsense := _nonsense(command):
+            self.refused += 1
+            if nonsense not in self._reported:
+                self._reported.add(nonsense)
+                self.report(f"refused: {nonsense} is not finite, or greater than {GREATEST:g}")
+            return True
         self._start, self._heard = min(self._start, now), now
         self.applied += 1
         self.apply(command)
@@ -116,3 +127,16 @@ class SimulatedRobot:
             self._content_due = max(self._content_due, now - 1.0) + (
                 1.0 / self._simulation.numbers.content_rate
             )
+
+
+def _nonsense(command: HighCmd) -> str | None:
+    """The name of a number that no body can follow, NaN, infinite or huge; None if all are sane.
+
+    What a real robot does with such a number is not known.
+    """
+    for name in NUMBERS:
+        value = getattr(command, name)
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(abs(number) <= GREATEST for number in numbers):
+            return name
+    return None

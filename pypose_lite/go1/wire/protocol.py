@@ -128,6 +128,17 @@ class HighState:
     reserve: int = wire("I")
 
 
+MODELS = {1: "Air", 2: "Pro", 3: "Edu"}  # byte 1 of the serial number, where byte 0 is 4
+
+
+def model(state: HighState) -> str | None:
+    """Which Go1 it is, "Air", "Pro" or "Edu", by its serial number; None where that says nothing.
+
+    Read in the vendor's header; whether every robot fills it in is not known.
+    """
+    return MODELS.get(state.sn[0] >> 8 & 0xFF) if state.sn[0] & 0xFF == 4 else None
+
+
 def encode_command(command: HighCmd, encrypted: bool = False) -> bytes:
     """The 129 bytes of a command; the vendor's sender always writes the plain checksum.
 
@@ -204,7 +215,8 @@ def _seal(data: bytes, encrypted: bool) -> bytes:
 def _open(name: str, packet: type, data: bytes, size: int, developer: bool) -> Any:
     """The values of a packet whose length, head and checksum are right, else ProtocolError."""
     if len(data) != size:
-        raise ProtocolError(f"{name}: expected {size} bytes, got {len(data)}")
+        other = " (another robot's, an A1's perhaps, or another SDK's)" if name == "state" else ""
+        raise ProtocolError(f"{name}: expected {size} bytes, got {len(data)}{other}")
     if data[:2] != HEAD:
         raise ProtocolError(f"{name}: expected the head {HEAD.hex()}, got {bytes(data[:2]).hex()}")
     content, end, level = data[:-4], data[-4:], data[2]

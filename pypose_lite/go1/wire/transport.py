@@ -26,13 +26,22 @@ class Transport(Protocol):
 
 
 class Udp:
-    """A client's socket: it talks to one address, and hears that address alone."""
+    """A client's socket: it talks to one address, and hears that address alone.
 
-    def __init__(self, host: str, port: int) -> None:
+    Args:
+        host: the robot's name or address.
+        port: the robot's port.
+        own_port: this end's, as a robot knows its client by it; 0 takes a free one.
+    """
+
+    def __init__(self, host: str, port: int, own_port: int = 0) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.failures = 0  # datagrams that the network did not take, or that found nobody there
         try:
+            if own_port:
+                self.socket.bind(("", own_port))
             self.socket.connect((host, port))
+            self.port: int = self.socket.getsockname()[1]
         except (OSError, OverflowError) as error:
             self.socket.close()
             raise ValueError(f"udp://{host}:{port}: no such address ({error})") from error
@@ -49,7 +58,10 @@ class Udp:
         try:
             self.socket.settimeout(max(timeout, 0.0))
             return self.socket.recv(LARGEST)
-        except OSError:  # nothing came in time, or the answer was that nobody is there
+        except ConnectionRefusedError:  # the system says that nobody is there
+            self.failures += 1
+            return None
+        except OSError:  # nothing came in time
             return None
 
     def close(self) -> None:

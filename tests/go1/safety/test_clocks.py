@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 
 from pypose_lite.go1.safety import clocks
@@ -58,7 +60,7 @@ def beats(clock, costs, period=0.005):
         seen.append((clock.time, late, left()))
         clock.time += costs[len(seen) - 1]
 
-    real._left = len(costs)
+    real._last = len(costs)
     real._run(beat)
     return seen
 
@@ -92,3 +94,17 @@ def test_a_stepped_time_beats_before_the_far_end_lives():
         ("beat", 0.02, False, 0.0),
         ("peer", 0.02),
     ]
+
+
+def test_who_stops_waits_for_the_last_beats_also_if_they_fail():
+    for failing, complete in ((False, True), (True, False)):
+        real, beats = WallClock(500.0), []
+
+        def beat(late, left, failing=failing, beats=beats):
+            beats.append(left)
+            if failing and len(beats) > 3:
+                sys.exit()  # ends the thread without a word
+
+        real.start(beat)
+        assert real.stop(0.1) == complete
+        assert len(beats) == 4 or len(beats) >= 50

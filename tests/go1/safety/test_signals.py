@@ -7,6 +7,7 @@ itself, and here the commands that arrive are written down with their time.
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -18,6 +19,8 @@ from go1_helpers import moving
 
 from pypose_lite import go1
 from pypose_lite.go1.safety import signals
+from pypose_lite.go1.safety.guardian import Guardian
+from pypose_lite.go1.safety.limits import Mode
 from pypose_lite.go1.simulator.body import STEP
 from pypose_lite.go1.simulator.simulated_robot import SimulatedRobot
 from pypose_lite.go1.wire.protocol import COMMAND_SIZE
@@ -41,6 +44,17 @@ BY_SIGNAL = {
     "Ctrl-Z": ("keep_driving", signal.SIGSTOP),
     "kill -TERM while it sleeps": ("sleep", signal.SIGTERM),
     "Ctrl-C, and the program goes on": ("swallow_everything", signal.SIGINT),
+}
+PAIRS = {
+    "Ctrl-C twice": (signal.SIGINT, signal.SIGINT),
+    "Ctrl-C, then TERM": (signal.SIGINT, signal.SIGTERM),
+    "Ctrl-C, then HUP": (signal.SIGINT, signal.SIGHUP),
+    "TERM, then Ctrl-C": (signal.SIGTERM, signal.SIGINT),
+    "TERM twice": (signal.SIGTERM, signal.SIGTERM),
+    "TERM, then HUP": (signal.SIGTERM, signal.SIGHUP),
+    "HUP, then Ctrl-C": (signal.SIGHUP, signal.SIGINT),
+    "HUP, then TERM": (signal.SIGHUP, signal.SIGTERM),
+    "HUP twice": (signal.SIGHUP, signal.SIGHUP),
 }
 LIVING = {"sleep", "spin", "hold_the_interpreter", "Ctrl-Z", "Ctrl-C, and the program goes on"}
 
@@ -113,15 +127,20 @@ def start(drivers, robot, way):
     raise AssertionError("the driver did not get as far as its end")
 
 
-def drive_and_end(drivers, way, number=None):
-    """What the robot was told after the end of a program: [(seconds after it, command)]."""
+def drive_and_end(drivers, way, *numbers):
+    """What the robot was told after the end of a program: [(seconds after it, command)].
+
+    It ends by itself, or by those signals, 20 ms apart.
+    """
     with Witness() as robot:
         process, end = start(drivers, robot, way)
         try:
-            if number is not None:
+            if numbers:
                 time.sleep(0.3)
                 end = time.monotonic()
+            for number in numbers:
                 os.kill(process, number)
+                time.sleep(0.02)
             time.sleep(max(end + WATCH - time.monotonic(), 0.0))
         finally:
             os.kill(process, signal.SIGKILL)  # a child not waited for keeps its number
@@ -148,6 +167,17 @@ def test_zero_velocity_goes_out_when_the_program_comes_to_its_end(drivers, way):
 @pytest.mark.parametrize("ending", BY_SIGNAL)
 def test_zero_velocity_goes_out_when_the_program_is_told_to_end(drivers, ending):
     check(drive_and_end(drivers, *BY_SIGNAL[ending]), ending in LIVING)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_two_signals_20_ms_apart_do_not_cut_the_zeros_short(drivers, pair):
+    told = drive_and_end(drivers, "keep_driving", *PAIRS[pair])
+    check(told, lives=False)
+    zeros = [at for at, command in told if at > 0 and not moving(command)]
+    assert zeros[-1] - zeros[0] > 0.5 and len(zeros) > 50
+    assert max(after - before for before, after in zip(zeros, zeros[1:])) < 0.1 + MACHINE
+    last = [command.mode for _, command in told][-10:]
+    assert last == [Mode.STAND] * 10
 
 
 def test_what_waited_while_the_program_slept_is_not_taken_for_fresh(drivers):
@@ -195,6 +225,67 @@ def test_a_signal_that_the_program_handles_itself_is_left_to_it():
         assert signal.getsignal(signal.SIGTERM) is mine
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "raises"),
+    [
+        (signal.SIGINT, signal.SIGINT, KeyboardInterrupt),
+        (signal.SIGINT, signal.SIGTERM, SystemExit),
+        (signal.SIGTERM, signal.SIGINT, SystemExit),
+        (signal.SIGHUP, signal.SIGTERM, SystemExit),
+    ],
+)
+def test_a_block_is_run_to_its_end_and_then_the_signals_do_their_work(first, then, raises):
+    signals.arm()
+    try:
+        found = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+        reached = []
+        with pytest.raises(raises):
+            with signals.postponed():
+                signal.raise_signal(first)
+                signal.raise_signal(then)
+                reached.append(True)
+        assert reached
+        assert found == (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
+    finally:
+        signals.disarm()
+
+
+def test_signals_are_not_postponed_in_another_thread_and_nothing_is_raised():
+    failures = []
+
+    def postpone():
+        try:
+            with signals.postponed():
+                pass
+        except BaseException as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=postpone)
+    thread.start()
+    thread.join()
+    assert failures == []
+
+
+def test_a_guardian_whose_program_said_no_complete_goodbye_does_that_itself():
+    """Zero velocity first, then the stand, and then it ends."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
+        ear.bind(("127.0.0.1", 0))
+        ear.settimeout(3.0)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mouth:
+            mouth.connect(ear.getsockname())
+            guardian = Guardian(mouth, 4, 0.01, 0.2)
+            assert guardian.beat(b"zero", b"rest")
+            guardian.close()
+        heard = [(ear.recv(100), time.monotonic())]
+        while heard[-1][1] - heard[0][1] < 1.0:
+            heard.append((ear.recv(100), time.monotonic()))
+    zeros = [at for data, at in heard if data == b"zero"]
+    rests = [at for data, at in heard if data == b"rest"]
+    assert len(zeros) > 10 and len(rests) > 10 and zeros[-1] < rests[0]
+    assert 0.3 < zeros[-1] - zeros[0] < 0.5 + MACHINE
+    assert guardian._process.wait(5.0) == 0
 
 
 def test_a_dead_guardian_is_told():

@@ -9,6 +9,7 @@ from pypose_lite.go1.safety.limits import Gait, Mode
 from pypose_lite.go1.simulator.body import STEP, Dog
 from pypose_lite.go1.simulator.simulated_robot import SimulatedRobot
 from pypose_lite.go1.wire.protocol import HighCmd, decode_state, encode_command
+from pypose_lite.go1.wire.remote import decode_remote, encode_remote
 from pypose_lite.go1.wire.transport import pair
 
 WALK = HighCmd(mode=Mode.WALK, gait_type=Gait.TROT, velocity=(0.4, 0.0), yaw_speed=0.5)
@@ -188,3 +189,29 @@ def test_a_pause_of_the_program_is_not_caught_up():
 def test_an_unknown_model_is_refused():
     with pytest.raises(ValueError, match="model: expected one of"):
         Bench(model="air")
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3e38])
+@pytest.mark.parametrize(
+    "field", ["velocity", "yaw_speed", "euler", "body_height", "foot_raise_height"]
+)
+def test_numbers_that_no_body_can_follow_are_refused_counted_and_told_once(field, bad):
+    bench, lines = Bench(), []
+    bench.simulator.report = lines.append
+    bench.tell(encode_command(WALK))
+    value = {"velocity": (0.4, bad), "euler": (0.0, bad, 0.0)}.get(field, bad)
+    for mode in (Mode.WALK, Mode.STAND):
+        for _ in range(20):
+            (answer,) = bench.tell(encode_command(replace(WALK, mode=mode, **{field: value})))
+    assert bench.simulator.refused == 40 and bench.simulator.applied == 1
+    assert lines == [f"refused: {field} is not finite, or greater than 100"]
+    assert all(map(math.isfinite, bench.simulator.dog.pose))
+    assert all(map(math.isfinite, decode_state(answer).imu.quaternion))
+
+
+def test_its_remote_and_what_befalls_it_are_in_its_state():
+    dog = Dog(EXACT)
+    dog.remote, dog.leaning = encode_remote("F1"), (0.3, -0.2)
+    state = dog.state()
+    assert decode_remote(state.wireless_remote).buttons == ("F1",)
+    assert state.imu.rpy[:2] == (0.3, -0.2)

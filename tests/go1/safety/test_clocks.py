@@ -96,6 +96,7 @@ def test_a_stepped_time_beats_before_the_far_end_lives():
     ]
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_who_stops_waits_for_the_last_beats_also_if_they_fail():
     for failing, complete in ((False, True), (True, False)):
         real, beats = WallClock(500.0), []

@@ -572,6 +572,7 @@ widgets.live(
 # the whole space, the model can reach every state. This property is called {term}`controllability`
 # {cite}`kalman1960control`. For a state of three numbers, further steps add no direction (the
 # theorem of Cayley and Hamilton). So the test is the rank of one matrix:
+# <!-- given: three steps -->
 
 
 # %%
@@ -726,7 +727,7 @@ claim("hanging_stays", largest_swing, below=0.011, unit="rad")
 # out terms of second order. If a change becomes ten times smaller, the error of the linear model
 # must become a hundred times smaller. On logarithmic axes that is a line of slope 2. A matrix with
 # one wrong entry leaves an error of first order, a line of slope 1.
-# <!-- given: ten times, hundred times -->
+# <!-- given: ten times, a hundred times -->
 
 # %%
 car = pp.DubinsCar(dt)
@@ -782,7 +783,7 @@ claim("wrong_slope", slope(linear_error(wrong, B)), equals=1, within=0.1)
 # Now try both tests on the paper's first listing, which runs word for word:
 
 
-# %%
+# %% tags=["as-printed"]
 class DubinsCar(pp.module.NLS):
     # A 2-D DubinsCar kinematic model.
     def __init__(self, dt=0.1):
@@ -869,6 +870,7 @@ claim("dt_ignored", torch.equal(other_step, listing_states[1]), equals=True)
 # Know what each test can see. The slope finds a wrong derivative of *this* $f$, even if $f$
 # itself is wrong. The comparison with our own small car finds a wrong $f$, unless we made the
 # same mistake twice. Only the residual on a recorded drive compares the model with the world.
+# <!-- given: twice -->
 
 # %% [markdown]
 # ## Summary
@@ -876,15 +878,16 @@ claim("dt_ignored", torch.equal(other_step, listing_states[1]), equals=True)
 # - A dynamic system is $x_{k+1} = f(x_k, u_k, t_k)$ with $y_k = g(x_k, u_k, t_k)$; the library's
 #   car equals our own to {claim}`agrees_with_ours`, and its observation belongs to the state
 #   before the step.
-# - Open loop does not forgive: a slip of 5 % ends {claim}`slip_end` from the start, and noise
-#   leads {claim}`noise_error` astray. <!-- given: 5 % -->
+# - Open loop does not forgive: a slip of 5 % ends {claim}`slip_end` from the start, and with noise
+#   the largest error in a lap is {claim}`noise_error` in the mean.
 # - The discretisation is of first order: it costs {claim}`hand_error` on the lap, and
-#   {claim}`short_step_error` with steps of half the length. <!-- given: half the length, half -->
+#   {claim}`short_step_error` with steps of half the length.
 # - The controllability matrix of the linearised car has rank {claim}`rank_driving` while it
 #   drives, but only {claim}`rank_parked` when it is parked; the upright pendulum is unstable, with
 #   an eigenvalue of {claim}`upright_eigenvalue`.
 # - Right Jacobians leave an error of slope {claim}`taylor_slope`; the old heading in $f$ leaves
 #   a residual of {claim}`residual_level` in every step, which the slope does not show.
+#   <!-- given: 5 %, half the length, half -->
 #
 # | | paper | here |
 # |:--|:--|:--|

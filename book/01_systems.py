@@ -254,7 +254,7 @@ plotting.show(
 # Every step is rotated by this angle, so the whole circle is rotated about the point where it
 # starts, and its centre, 1 m away, moves by about {claim}`centre_shift`. That explains the
 # {claim}`hand_error` of the first figure. With steps of half the length the error is also halved:
-# it becomes {claim}`short_step_error`. We say that the discretisation is of first order.
+# it becomes {claim}`short_step_error`. Such a discretisation is called first-order.
 # <!-- given: half the length, half, halved -->
 
 # %% tags=["claims"]
@@ -656,8 +656,8 @@ claim("parking_miss", (parking[-1] - target).abs().max(), below=1e-12, unit="m")
 # Near an equilibrium, {eq}`eq-1-linear` multiplies a deviation by $A$ in every step, so that
 # $\delta x_k = A^k \, \delta x_0$. A deviation along an eigenvector with the eigenvalue $\lambda$
 # becomes $\lambda^k$ times as large. If all $|\lambda|$ are below 1, every small deviation dies
-# out, and the equilibrium is {term}`stable <stability>`. If one is above 1, some deviations grow
-# exponentially, and it is unstable.
+# out, and the equilibrium is asymptotically {term}`stable <stability>`. If one is above 1, some
+# deviations grow exponentially, and it is unstable.
 
 # %%
 pendulum = pp.Pendulum(dt=0.05)
@@ -909,7 +909,7 @@ claim("dt_ignored", torch.equal(other_step, listing_states[1]), equals=True)
 #
 # **Further reading.** {cite:t}`astrom2021` introduce models, stability and controllability, with
 # examples from biology to aircraft. {cite:t}`lavalle2006` treats cars that cannot move sideways in
-# his chapter 13. {cite:t}`kalman1960control` is where controllability was first defined.
+# his chapter 13. {cite:t}`kalman1960control` introduced controllability.
 #
 # **In the lab** you compute a Jacobian by hand, find the bug in a clock, write the model of a
 # bicycle, write a test that tells two models apart, design a model to a given accuracy, and send

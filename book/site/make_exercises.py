@@ -41,6 +41,12 @@ class Cell:
         """Whether exercises do without the whole cell."""
         return bool(re.search(r'tags=\[[^]]*"solution"', self.header))
 
+    @property
+    def first_line(self) -> int:
+        """The line of the exercise's heading where it stands in this cell."""
+        heading = f"# ## Exercise {self.exercise}:"
+        return self.line_of(heading) if heading in self.text else self.line
+
     def line_of(self, part: str) -> int:
         """The line in the file of a part of the cell."""
         return self.line + self.text[: self.text.index(part)].count("\n")
@@ -66,7 +72,8 @@ def exercises_from(lab: str) -> str:
 def _stubbed(cell: Cell) -> str:
     stub = f'raise NotImplementedError("{cell.exercise} {cell.title}")'
     solution = rf"^([ ]*){BEGIN}\n.*?^[ ]*{END}$"
-    return re.sub(solution, rf"\1{stub}", cell.text, flags=re.MULTILINE | re.DOTALL)
+    flags = re.MULTILINE | re.DOTALL
+    return re.sub(solution, lambda found: found[1] + stub, cell.text, flags=flags)
 
 
 def complaints(lab: str, name: str) -> list[str]:
@@ -78,7 +85,7 @@ def complaints(lab: str, name: str) -> list[str]:
     found = [*markers(cells), *twice(cells), *checks_elsewhere(cells), *unknown(by_number, name)]
     for number, its_cells in by_number.items():
         if number:
-            found += [(its_cells[0].line, number, wrong) for wrong in incomplete(its_cells)]
+            found += [(its_cells[0].first_line, number, wrong) for wrong in incomplete(its_cells)]
     return [f"{name}:{line}: exercise {number or '(none)'}: {w}" for line, number, w in found]
 
 
@@ -121,9 +128,9 @@ def unknown(by_number: dict[str, list[Cell]], name: str) -> Iterator[tuple[int, 
     where = f"pypose_lite/teaching/checks/chapter_{name[:2]}.py"
     for number, cells in by_number.items():
         if number and number not in known:
-            yield cells[0].line, number, f"has no properties in {where}"
+            yield cells[0].first_line, number, f"has no properties in {where}"
         elif number and cells[0].title != known[number].title:
-            yield cells[0].line, number, f"is called {known[number].title!r} in {where}"
+            yield cells[0].first_line, number, f"is called {known[number].title!r} in {where}"
     for number in known.keys() - by_number.keys():
         yield 1, number, f"is in {where} and not in this lab"
 

@@ -31,7 +31,7 @@ def said(exercise, answer):
     [
         right,
         lambda x: 2 * x,
-        lambda x: x.float() * 2,
+        lambda x: (x.float() + 100 - 100) * 2,
         lambda x: x.numpy() * 2,
         lambda x: [2 * float(each) for each in x],
         lambda x: tuple(2 * each for each in x),

@@ -8,6 +8,7 @@ Python raises between two of its own instructions. A single call that stays in C
 ``time.sleep(1e9)``, cannot be ended like this: interrupt or restart the kernel.
 """
 
+import contextlib
 import ctypes
 import signal
 import sys
@@ -29,11 +30,14 @@ class Insistent(TimeLimit):
 
     def __init__(self) -> None:
         """Runs in the thread that is to end, before the exception is raised there."""
-        frame = sys._getframe(1)
+        frame, frames = sys._getframe(1), []
         while frame.f_back is not None and frame.f_code is not limited.__code__:
-            frame.f_trace = _strike
+            frames.append(frame)
             frame = frame.f_back
-        sys.settrace(_pass)
+        if all(each.f_code is not _Watchdog.stop.__code__ for each in frames):
+            for each in frames:
+                each.f_trace = _strike
+            sys.settrace(_pass)
 
 
 def _strike(frame: FrameType, event: str, arg: Any) -> None:
@@ -49,7 +53,7 @@ def limited(function: Callable[[], Result], seconds: float) -> Result:
     watchdog = _Watchdog(seconds)
     try:
         try:
-            watchdog.start()
+            watchdog.thread.start()
             return function()
         finally:
             watchdog.stop()
@@ -62,33 +66,31 @@ class _Watchdog:
     """Raises TimeLimit in the thread that made it, again and again, until it is stopped."""
 
     def __init__(self, seconds: float) -> None:
-        self.seconds, self.owner = seconds, threading.get_ident()
-        self.over, self.lock = threading.Event(), threading.Lock()
-        self.trace = sys.gettrace()
-
-    def start(self) -> None:
-        threading.Thread(target=self._watch, daemon=True).start()
+        self.seconds, self.owner, self.trace = seconds, threading.get_ident(), sys.gettrace()
+        self.on_watch = threading.Lock()
+        self.on_watch.acquire()
+        self.thread = threading.Thread(target=self._watch, daemon=True)
 
     def _watch(self) -> None:
         wait: float = self.seconds
         exception: type[TimeLimit] = TimeLimit
-        while not self.over.wait(wait):
-            with self.lock:
-                if not self.over.is_set():
-                    _raise_in(self.owner, exception)
+        while not self.on_watch.acquire(timeout=wait):
+            pointer = ctypes.c_ulong(self.owner), ctypes.py_object(exception)
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(*pointer)
             wait, exception = AGAIN, Insistent
 
     def stop(self) -> None:
-        with self.lock:
-            self.over.set()
-            _raise_in(self.owner, None)  # takes back one that has not struck yet
+        """Ends the watch. An exception that is still on its way strikes here, and not later."""
+        while self.thread.ident is not None:
+            try:
+                with contextlib.suppress(RuntimeError):  # it was stopped before
+                    self.on_watch.release()
+                self.thread.join()
+                self.thread.is_alive()  # a call, at which one strikes at the latest
+                break
+            except TimeLimit:
+                continue
         sys.settrace(self.trace)
-
-
-def _raise_in(thread: int, exception: type[BaseException] | None) -> None:
-    """Lets the thread raise the exception before its next instruction."""
-    pending = ctypes.py_object() if exception is None else ctypes.py_object(exception)
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), pending)
 
 
 class Interrupts:

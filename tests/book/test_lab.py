@@ -9,12 +9,11 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import jupytext
+import lab as readers
 import pytest
 from plain import Plain
 from small_books import LESSON
 from stage import for_download
-
-import lab as readers
 
 ROOT = Path(__file__).parents[2]
 CHAPTER = "03_mpc"

@@ -56,7 +56,7 @@ def as_times(times: Any, points: Tensor) -> Tensor | None:
     if times is None:
         return None
     t = times
-    if not isinstance(t, Tensor):
+    if not (isinstance(t, Tensor) and t.is_floating_point()):
         t = torch.as_tensor(t, dtype=points.dtype, device=points.device)
     check("points: N d, times: N", points, t)
     late = t[..., 1:] <= t[..., :-1]

@@ -64,18 +64,7 @@ def parameter_at(spline: Spline, distance: Tensor) -> Tensor:
     gradient, are those of the implicit function; they are 0 where the curve rests.
     """
     check("distance: M", distance)
-    mesh, length = _pieces(spline)
-    batch = torch.broadcast_shapes(length.shape[:-2], distance.shape[:-1])
-    ends = length.flatten(-2).cumsum(-1).expand(*batch, -1)
-    distance = distance.expand(*batch, -1).clamp(min=0).minimum(ends[..., -1:])
-    piece = torch.searchsorted(ends.detach().contiguous(), distance.detach().contiguous())
-    piece = piece.clamp(max=ends.shape[-1] - 1)
-    before = torch.cat([torch.zeros_like(ends[..., :1]), ends[..., :-1]], -1)
-    low, high, before = (
-        x.expand(*batch, -1).take_along_dim(piece, -1)
-        for x in (mesh[..., :-1].flatten(-2), mesh[..., 1:].flatten(-2), before)
-    )
-    segment, rest = piece // length.shape[-1], distance - before
+    segment, low, high, rest = _look_up(spline, distance)
     pieces = spline.take(segment)
     with torch.no_grad():
         u = _search(pieces, low, high, rest)
@@ -93,6 +82,22 @@ def evenly_spaced(spline: Spline, count: int) -> Tensor:
     total = arc_length(spline)[..., -1:]
     share = torch.linspace(0, 1, count, dtype=total.dtype, device=total.device)
     return parameter_at(spline, total * share)
+
+
+def _look_up(spline: Spline, distance: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """For each distance the segment, where its piece begins and ends, and what is left in it."""
+    mesh, length = _pieces(spline)
+    batch = torch.broadcast_shapes(length.shape[:-2], distance.shape[:-1])
+    gone = torch.cat([torch.zeros_like(length[..., 0, :1]), length.flatten(-2).cumsum(-1)], -1)
+    gone = gone.expand(*batch, -1)
+    distance = distance.expand(*batch, -1).clamp(min=0).minimum(gone[..., -1:])
+    ends = gone[..., 1:].detach().contiguous()
+    piece = torch.searchsorted(ends, distance.detach().contiguous()).clamp(max=ends.shape[-1] - 1)
+    low, high, before = (
+        x.expand(*batch, -1).take_along_dim(piece, -1)
+        for x in (mesh[..., :-1].flatten(-2), mesh[..., 1:].flatten(-2), gone)
+    )
+    return piece // length.shape[-1], low, high, distance - before
 
 
 def _search(pieces: Spline, low: Tensor, high: Tensor, rest: Tensor) -> Tensor:
@@ -121,20 +126,20 @@ def _pieces(spline: Spline) -> tuple[Tensor, Tensor]:
 def _mesh(spline: Spline) -> Tensor:
     """The u between which the speed is smooth, from 0 to 1: ``(..., S, P + 1)``.
 
-    All segments have as many pieces as the one that needs most. Inside ``torch.vmap``, where
-    nobody can see whether the rules agree, the worst pieces are halved as often as allowed.
+    All segments have as many pieces as the one that needs most; where the rules agree, the others'
+    are empty. Inside ``torch.vmap``, where nobody can look, the loop runs as long as it may.
     """
     speed = _speed(spline, spline.start.new_zeros(spline.segments))
     low, high = torch.zeros_like(speed)[..., None], torch.ones_like(speed)[..., None]
     length, doubt = _estimate(spline, low, high)
     agreed = max(AGREED, 32 * torch.finfo(speed.dtype).eps)
     for _ in range(HALVINGS):
-        fine = doubt <= agreed * length.sum(-1, keepdim=True)
-        if has_numbers(fine) and fine.all():
+        done = (doubt <= agreed * length.sum(-1, keepdim=True)).all(-1, keepdim=True)
+        if has_numbers(done) and done.all():
             break
         worst = doubt.argmax(-1, keepdim=True)
         a, b = low.take_along_dim(worst, -1), high.take_along_dim(worst, -1)
-        middle = (a + b) / 2
+        middle = torch.where(done, b, (a + b) / 2)
         halves = _estimate(spline, torch.cat([a, middle], -1), torch.cat([middle, b], -1))
         chosen = torch.arange(low.shape[-1], device=worst.device) == worst
         low, high = torch.cat([low, middle], -1), torch.where(chosen, middle, high)

@@ -53,20 +53,20 @@ def cubic_spline(
     points = as_knots("points", points, 2)
     times = as_times(times, points)
     time = durations(times, points)
-    slope, e = legs(points) / time, torch.eye(points.shape[-2]).to(points)
-    neighbours = e[:-2], e[1:-1], e[2:]
-    inner = _no_jump(*_pairs(time), *_pairs(slope), *neighbours)
+    slope = legs(points) / time
+    e = torch.eye(points.shape[-2], dtype=points.dtype, device=points.device)  # each picks one m
+    inner = _no_jump(*_neighbours(time), *_neighbours(slope), e[:-2], e[1:-1], e[2:])
     first, last = _at_the_ends(points, time, slope, e, ends)
     matrix, right = (_stack(rows) for rows in zip(first, inner, last))
     return hermite(points, torch.linalg.solve(matrix, right), times)
 
 
-def _pairs(x: Tensor) -> tuple[Tensor, Tensor]:
+def _neighbours(x: Tensor) -> tuple[Tensor, Tensor]:
     """What belongs to the leg before each inner knot, and to the leg after it."""
     return x[..., :-1, :], x[..., 1:, :]
 
 
-def _no_jump(g, h, a, b, l, m, r) -> tuple[Tensor, Tensor]:  # noqa: E741  (the docstring's letters)
+def _no_jump(g, h, a, b, l, m, r) -> tuple[Tensor, Tensor]:
     """Both sides of (1), where l, m, r are the rows that pick these tangents."""
     return h * l + 2 * (g + h) * m + g * r, 3 * (h * a + g * b)  # (1)
 
@@ -74,20 +74,20 @@ def _no_jump(g, h, a, b, l, m, r) -> tuple[Tensor, Tensor]:  # noqa: E741  (the 
 def _at_the_ends(points: Tensor, time: Tensor, slope: Tensor, e: Tensor, ends: Any) -> tuple:
     """The first and the last equation, both sides of each, one row high."""
     start, stop = slope[..., :1, :], slope[..., -1:, :]
-    if isinstance(ends, str) and ends == "natural":
+    if ends == "natural":
         return (2 * e[:1] + e[1:2], 3 * start), (e[-2:-1] + 2 * e[-1:], 3 * stop)  # (2)
-    if isinstance(ends, str) and ends == "periodic":
+    if ends == "periodic":
         refuse_unless_closed(points)
         g, h = time[..., -1:, :], time[..., :1, :]
         seam = _no_jump(g, h, stop, start, e[-2:-1], e[:1], e[1:2])
         return seam, (e[-1:] - e[:1], torch.zeros_like(stop))  # (4)
-    if isinstance(ends, str):
-        if ends != "clamped":
-            words = 'expected "natural", "clamped", "periodic" or two tangents'
-            raise ValueError(f"ends: {words}, got {ends!r}")
-        ends = torch.zeros_like(points[..., 0, :]), torch.zeros_like(points[..., 0, :])
-    check("points: N d, first: d, last: d", points, *ends)
-    return tuple((row, tangent[..., None, :]) for row, tangent in zip((e[:1], e[-1:]), ends))  # (3)
+    if isinstance(ends, str) and ends != "clamped":
+        words = 'expected "natural", "clamped", "periodic" or two tangents'
+        raise ValueError(f"ends: {words}, got {ends!r}")
+    rest = torch.zeros_like(points[..., 0, :])
+    first, last = (rest, rest) if ends == "clamped" else ends
+    check("points: N d, first: d, last: d", points, first, last)
+    return (e[:1], first[..., None, :]), (e[-1:], last[..., None, :])  # (3)
 
 
 def _stack(rows: tuple[Tensor, ...]) -> Tensor:

@@ -161,6 +161,14 @@ def test_single_parameters_are_taken():
     close(curve(torch.tensor(1.7, dtype=F64), 1), curve(torch.tensor([1.7], dtype=F64), 1)[0])
 
 
+@pytest.mark.parametrize(
+    "times", [[0, 2, 3], (0, 2, 3), np.array([0, 2, 3]), torch.tensor([0, 2, 3])]
+)
+def test_whole_numbers_are_times(times):
+    wanted = hermite(points(3, 2), times=torch.tensor([0.0, 2, 3], dtype=F64))(1.0)
+    close(hermite(points(3, 2), times=times)(1.0), wanted)
+
+
 def test_float32_stays_float32():
     p = points(6, 2)
     curve = cubic_spline(p.float(), TIMES[1])(torch.linspace(0.5, 4.5, 9))

@@ -214,6 +214,15 @@ def test_lengths_of_curves_with_cusps_have_the_right_gradients():
         close(gradient.flatten()[i], (total(points + step) - total(points - step)) / (2 * h), 1e-6)
 
 
+def test_a_cusp_in_a_batch_changes_nothing_for_the_others():
+    p = torch.stack([at([[0, 0], [3, 0], [-2, y], [1, 0]]) for y in (0.01, 2.0, 0.0)])
+    singles = torch.stack([arc_length(hermite(x)) for x in p])
+    close(arc_length(hermite(p)), singles, atol=0, rtol=1e-14)
+    s = torch.linspace(0, 11, 9, dtype=F64)
+    one_by_one = torch.stack([parameter_at(hermite(x), s) for x in p])
+    close(parameter_at(hermite(p), s), one_by_one)
+
+
 def test_a_curve_without_cusps_is_measured_in_one_piece():
     angle = torch.linspace(0, 6, 13, dtype=F64)
     round = hermite(torch.stack([angle.cos(), angle.sin()], -1))

@@ -1,22 +1,21 @@
 """What all filters share: a model, the covariances of its two noises, and arguments that fit.
 
 A filter keeps a belief about the state of ``x[i+1] = f(x[i], u[i]) + w[i]`` from observations
-``y[i] = g(x[i], u[i]) + v[i]``, where w and v have the covariances Q and R. Its call takes the
-belief about x[i], given y up to i-1, to that about x[i+1], given y up to i. That is Bayes' rule,
-then the law of total probability:
+``y[i] = g(x[i], u[i]) + v[i]``, where w and v have the covariances Q and R. Its call takes what is
+known of x[i] before y[i] came to what is known of x[i+1] after it, in the two steps of Bayes:
 
-    p(x[i] | y[0..i])   ~ p(y[i] | x[i]) p(x[i] | y[0..i-1])             update
-    p(x[i+1] | y[0..i]) = integral of p(x[i+1] | x[i]) p(x[i] | y[0..i])   predict
+    update:   p(x[i] | y[0..i]) = p(y[i] | x[i]) p(x[i] | y[0..i-1]) / p(y[i] | y[0..i-1])
+    predict:  p(x[i+1] | y[0..i]) = the integral of p(x[i+1] | x[i]) p(x[i] | y[0..i]) over x[i]
 
-A Gaussian filter, EKF or UKF, keeps a mean x and a covariance P, and its two equations stand in
-``_update`` and ``_predict`` of its own file. :class:`GaussianFilter` gives it its public methods:
-each checks the arguments, prepares the two functions (``function.py`` says how) and calls those
-two. The particle filter shares the parameters and the checks of :class:`Filter` alone.
+:class:`Filter` holds the parameters, and has the checks that every public method begins with. It
+also hands out f and g with the step's input and time filled in (see ``function.py``), so that what
+a filter computes is written in f, g, x, P, Q and R alone. EKF and UKF share the public methods of
+``gaussian_filter.py``; the particle filter has its own in ``pf.py``.
 
 What holds for all: nothing that a filter is given is changed, model and clock included; arguments
-broadcast, and a batch is filtered as its members would be; P comes back symmetric; results are
-differentiable in every argument. Errors are about numbers; inside ``torch.vmap``, where numbers
-cannot be asked for, a covariance that is none makes the member's result NaN.
+broadcast, and a batch is filtered as its members would be; results are differentiable in every
+argument. What does not fit is a ValueError that names it. Inside ``torch.vmap`` nobody can see the
+numbers of a member, so no number is refused there: a P that is no covariance makes its member NaN.
 """
 
 import functools
@@ -29,16 +28,8 @@ from torch import Tensor, nn
 from ..shapes import check, has_numbers, register
 from ..systems import System
 from .differences import Difference, difference_and_mean
-from .function import (
-    Function,
-    Sensor,
-    count_arguments,
-    decorrelated,
-    measured,
-    observation,
-    transition,
-)
-from .gaussian import Correction, Innovation, covariance, factor
+from .function import Function, Sensor, observation, transition, what_it_asks
+from .gaussian import factor
 from .particles import check_weights
 
 LETTERS = {"x": "n", "y": "p", "u": "m", "P": "n n", "Q": "n n", "R": "p p", "S": "n p"}
@@ -78,7 +69,7 @@ class Filter(nn.Module):
         if mean_x is not None and residual_x is None:
             raise ValueError("mean_x: expected residual_x beside it, from which P is computed")
         self.model = model
-        self.residual, self.mean = difference_and_mean(residual)
+        self.residual, self.mean_y = difference_and_mean(residual)
         self.residual_x, self.mean_x = difference_and_mean(residual_x, mean_x)
         self.wraps = residual_x is not None
         for name in ("Q", "R"):
@@ -100,7 +91,7 @@ class Filter(nn.Module):
     def _g(self, u: Tensor, t, p: int, g=None, residual=None) -> Function:
         """Returns g of the state alone: the model's, or that of a sensor of its own."""
         if g is None:
-            return observation(self.model, u, t, p, self.residual, self.mean)
+            return observation(self.model, u, t, p, self.residual, self.mean_y)
         t = self.model.systime if t is None else t
         return observation(Sensor(g), u, t, p, *difference_and_mean(residual))
 
@@ -132,141 +123,13 @@ class Filter(nn.Module):
         return value.reshape(1) if value.ndim == 0 and name in "xyu" else value
 
 
-class GaussianFilter(Filter):
-    """A filter whose belief is a mean x ``(..., n)`` and a covariance P ``(..., n, n)``.
-
-    A subclass writes ``_update`` and ``_predict``. In all methods ``u (..., m)`` is the input, and
-    ``y (..., p)`` observes the state before the step; it is NaN in rows without a measurement.
-    Q, R and S override the filter's own. ``t`` is the time step, None the model's clock now. (A car
-    that has just taken step i shows i + 1: with a model that depends on time, pass ``t=i``.)
-
-    **Correlated noises.** ``S (..., n, p)`` is the covariance of w[i] and v[i]: of what disturbs
-    the step from x[i] to x[i+1], and of the error of y[i], which belongs to x[i]. An observation
-    then corrects the step, too. In a loop of one's own, ``predict`` has to know it: pass it the
-    same ``y`` as ``update``.
-
-    **Sensors of different rates.** ``update(x, y, u, P, R=..., g=...)`` takes in one sensor: its
-    observation y, its noise R, and its g as a function of (state), (state, input) or
-    (state, input, t). Call it once for each sensor that has spoken, then ``predict``.
-
-    Args:
-        model: as in :class:`Filter`, like Q, R, residual, residual_x and mean_x.
-        S: covariance of process and observation noise of the same step, ``(..., n, p)``; None is 0.
-
-    Raises:
-        ValueError: for arguments that do not fit, covariances that are none, or an f or g that is
-            not finite where it is asked.
-    """
-
-    S: Tensor | None
-
-    def __init__(
-        self, model, Q=None, R=None, *, S=None, residual=None, residual_x=None, mean_x=None
-    ):
-        super().__init__(model, Q, R, residual=residual, residual_x=residual_x, mean_x=mean_x)
-        register(self, "S", None)
-        self.set_uncertainty(S=S)
-
-    def set_uncertainty(self, Q=None, R=None, S=None) -> None:
-        """Sets Q, R and S; what is None stays as it is. An ``nn.Parameter`` is learned."""
-        check("Q: n n, R: p p, S: n p", Q, R, S)
-        super().set_uncertainty(Q, R)
-        if S is not None:
-            register(self, "S", S)
-
-    def _update(self, g: Function, x, y, P, R) -> Correction:
-        """Returns the belief about x once y is known; a subclass writes it."""
-        raise NotImplementedError
-
-    def _predict(self, f: Function, x, P, Q) -> tuple[Tensor, Tensor]:
-        """Returns mean and covariance of f(x) + w; a subclass writes it."""
-        raise NotImplementedError
-
-    def forward(self, x, y, u, P, Q=None, R=None, t=None, *, S=None, **spread):
-        """Returns x and P of the next state: corrected with y, then predicted.
-
-        ``y=None`` predicts only.
-        """
-        if y is None:
-            return self.predict(x, u, P, Q, t, **spread)
-        x, y, u, P, Q, R, S = self._inputs(x=x, y=y, u=u, P=P, Q=Q, R=R, S=S)
-        f, g = self._f(u, t, x.shape[-1]), self._g(u, t, y.shape[-1])
-        g, y, R, S, _ = measured(g, y, R, S)
-        x, P, *_ = self._update(g, x, y, P, R, **spread)
-        f, Q = (f, Q) if S is None else decorrelated(f, g, y, Q, R, S)
-        x, P = self._predict(f, x, P, Q, **spread)
-        return x, covariance(P)
-
-    def update(self, x, y, u, P, R=None, t=None, *, g=None, residual=None, **spread):
-        """Returns x and P of the same state, once y is known.
-
-        Args:
-            x: mean ``(..., n)``.
-            y: observation ``(..., p)``, the model's or the sensor's.
-            u: input ``(..., m)``; may be None for a g of (state) alone.
-            P: covariance ``(..., n, n)``.
-            R: noise covariance ``(..., p, p)``; needed where g is given.
-            t: time step.
-            g: a sensor's own observation, for one sample or any batch; None is the model's.
-            residual: the difference of two observations of that sensor; None is ``y - z``, also
-                where the filter has a residual, which is for the model's own observation.
-            spread: ``k`` for the UKF.
-        """
-        x, P, *_ = self._correct(x, y, u, P, R, t, g, residual, **spread)[0]
-        return x, covariance(P)
-
-    def innovation(self, x, y, u, P, R=None, t=None, *, g=None, residual=None, **spread):
-        """Returns the :class:`Innovation`: what y says beyond the expected, and its covariance.
-
-        Arguments are those of :meth:`update`.
-        """
-        corrected, known = self._correct(x, y, u, P, R, t, g, residual, **spread)
-        e, S = corrected.e, corrected.S
-        return Innovation(e, (S + S.mT) / 2, known.expand(e.shape))
-
-    def predict(self, x, u, P, Q=None, t=None, *, y=None, R=None, S=None, **spread):
-        """Returns x and P of the next state.
-
-        ``y`` and R are what ``update`` has taken in; they matter only where noises are correlated.
-        """
-        x, P, f, Q = self._next(x, u, P, Q, t, y, R, S)
-        x, P = self._predict(f, x, P, Q, **spread)
-        return x, covariance(P)
-
-    def reverse(self, x, u, P, Q=None, t=None, *, y=None, R=None, S=None, **spread):
-        """Returns what the next state x' will say of this one: its mean, the gain, a covariance.
-
-        Given x', this state has mean ``x + G (x' - mean)`` and the covariance that is returned.
-        It is an update in which f stands for g, and the next state for the observation.
-        """
-        x, P, f, Q = self._next(x, u, P, Q, t, y, R, S)
-        corrected = self._update(f, x, x, P, Q, **spread)  # mean and gain are those of any x'
-        return corrected.z, corrected.K, covariance(corrected.P)
-
-    def _correct(self, x, y, u, P, R, t, g, residual, **spread) -> tuple[Correction, Tensor]:
-        """Returns the belief once y is known, and which rows of y are."""
-        (x, P), y, R, look = self._look(y, u, R, t, g, residual, x=x, P=P)
-        look, y_known, R, *_ = measured(look, y, R)
-        return self._update(look, x, y_known, P, R, **spread), ~y.isnan()
-
-    def _next(self, x, u, P, Q, t, y, R, S) -> tuple[Tensor, Tensor, Function, Tensor]:
-        """Returns x, P, f and Q, checked; f and Q know of y where noises are correlated."""
-        if y is None:
-            x, u, P, Q = self._inputs(x=x, u=u, P=P, Q=Q)
-            return x, P, self._f(u, t, x.shape[-1]), Q
-        x, y, u, P, Q, R, S = self._inputs(x=x, y=y, u=u, P=P, Q=Q, R=R, S=S)
-        f, g = self._f(u, t, x.shape[-1]), self._g(u, t, y.shape[-1])
-        g, y, R, S, _ = measured(g, y, R, S)
-        return (x, P, f, Q) if S is None else (x, P, *decorrelated(f, g, y, Q, R, S))
-
-
 def _sensor_input(g: Callable, x: Tensor, u: Tensor | None, R: Tensor | None) -> Tensor | None:
     """Returns an input where a sensor needs none; ValueError where it misses one, or its noise."""
     if R is None:
         raise ValueError("R: expected the noise of g's sensor; the filter's is the model's own")
-    if u is None and count_arguments(g) > 1:
+    if u is None and "input" in what_it_asks(g):
         raise ValueError("u: g takes (state, input), so an input has to be given")
-    return x.new_zeros(1) if u is None else u
+    return x.new_zeros(1) if u is None and isinstance(x, Tensor) else u
 
 
 @functools.cache

@@ -2,15 +2,16 @@
 
 Near the estimate, f(x + dx) = f(x) + A dx and g(x + dx) = g(x) + C dx, with the Jacobians A and C
 there. On a linear system this is the exact Kalman filter; elsewhere it is as good as the tangents
-are over the width of P. ``base.py`` has the public methods, which call the two below.
+are over the width of P. The public methods, which call the two below, are in
+``gaussian_filter.py``.
 """
 
 from torch import Tensor
 
 from ..linalg import bmv
-from .base import GaussianFilter
 from .function import Function
 from .gaussian import Correction, divide, factor, square
+from .gaussian_filter import GaussianFilter
 
 
 class EKF(GaussianFilter):

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from ..linalg import bmv
 from ..shapes import check, has_numbers
 from ..systems import System
+from ..systems.functions import TIME
 from .differences import Difference
 from .gaussian import factor
 
@@ -123,25 +124,30 @@ class Sensor(System):
 
     def __init__(self, g: Callable):
         super().__init__()
-        self.g, self.takes = g, count_arguments(g)
+        self.g, self.asks = g, what_it_asks(g)
 
     def observation(self, state, input, t=None):
         """Returns g."""
-        return self.g(*(state, input, t)[: self.takes])
+        given = {"state": state, "input": input, "t": t}
+        return self.g(*(given[name] for name in self.asks))
 
 
-def count_arguments(g: Callable) -> int:
-    """Returns how many of (state, input, t) g takes: all it must, and what bears such a name."""
+def what_it_asks(g: Callable) -> list[str]:
+    """Returns which of state, input and t the function g takes, in its order.
+
+    An argument with a default is left alone, unless its name says that it is the input or the time.
+    """
     try:
-        function = g.forward if isinstance(g, nn.Module) else g
-        parameters = list(inspect.signature(function).parameters.values())
-    except ValueError:  # a function of torch's own
-        return 1
-    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
-        return 2
-    names = ("state", "x"), ("input", "u"), ("t", "time")
-    wanted = [p.default is p.empty or p.name in name for p, name in zip(parameters, names)]
-    return max(1, (wanted + [False]).index(False))
+        taken = inspect.signature(g.forward if isinstance(g, nn.Module) else g).parameters.values()
+    except ValueError:  # some of torch's own functions do not say
+        return ["state"]
+    asks, by_name = ["state"], (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.VAR_KEYWORD)
+    for argument in [a for a in taken if a.kind not in by_name][1:]:
+        if argument.name in TIME:
+            asks.append("t")
+        elif argument.name in ("u", "input") or argument.default is argument.empty:
+            asks.append("input" if len(asks) == 1 else "t")
+    return asks
 
 
 def measured(g: Function, y: Tensor, R: Tensor, S: Tensor | None = None) -> tuple:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..linalg import bmv
 from ..shapes import check, over_time
-from .base import GaussianFilter
+from .gaussian_filter import GaussianFilter
 
 
 def smooth(

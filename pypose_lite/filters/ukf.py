@@ -15,9 +15,9 @@ from torch import Tensor
 
 from ..linalg import bmv
 from ..shapes import has_numbers
-from .base import GaussianFilter
 from .function import Function
 from .gaussian import Correction, divide, factor
+from .gaussian_filter import GaussianFilter
 
 
 class UKF(GaussianFilter):
@@ -76,7 +76,7 @@ class UKF(GaussianFilter):
         """Returns x and P of the next state: corrected with y, then predicted."""
         return super().forward(x, y, u, P, Q, R, t, S=S, k=k)
 
-    def _update(self, g: Function, x, y, P, R, k=None) -> Correction:  # type: ignore[override]
+    def _update(self, g: Function, x, y, P, R, k=None) -> Correction:
         dx, w = sigma_points(P, k, self.msqrt)
         z, dz = g.spread((x.unsqueeze(-1) + dx).mT, w)  # (1)
         e = g.difference(y, z)  # (2)
@@ -87,7 +87,7 @@ class UKF(GaussianFilter):
         P = (w * rest) @ rest.mT + K @ R @ K.mT  # (6)
         return Correction(x, P, z, e, S, K)
 
-    def _predict(self, f: Function, x, P, Q, k=None):  # type: ignore[override]
+    def _predict(self, f: Function, x, P, Q, k=None) -> tuple[Tensor, Tensor]:
         dx, w = sigma_points(P, k, self.msqrt)
         x, dz = f.spread((x.unsqueeze(-1) + dx).mT, w)  # (7)
         P = (w * dz) @ dz.mT + Q  # (8)

@@ -61,3 +61,13 @@ def test_a_run_that_is_smoothed(kind):
     xs, Ps = record(filter, x, P, y, u.expand(3, 1))
     with pytest.raises(ValueError, match="state_transition: .*(nan|inf)"):
         smooth(kind(Model(f=torch.log), Q, R), xs, Ps, y, u.expand(3, 1))
+
+
+def test_a_kink_of_the_observation_or_of_the_step():
+    """The value is finite, and its slope is not."""
+    _, _, u, P, Q, R = arguments()
+    zero = torch.zeros(1)
+    with pytest.raises(ValueError, match="observation of Model: its derivative"):
+        EKF(Model(g=torch.sqrt), Q, R)(zero, zero, u, P)
+    with pytest.raises(ValueError, match="state_transition of Model: its derivative"):
+        EKF(Model(f=torch.sqrt), Q, R)(zero, zero, u, P)

@@ -1,5 +1,6 @@
 """Sensors that speak one at a time: each update has its own g and R."""
 
+import functools
 import math
 
 import pytest
@@ -117,14 +118,25 @@ def test_particles_take_sensors_too(g):
     close(got.covariance, want.covariance, 1e-9)
 
 
+def scaled(scale, state):
+    return scale * state[:1] * state[1:]
+
+
+def of_the_time(state, t):
+    assert t == 0  # the clock, not the input
+    return state[:1] * state[1:]
+
+
 SPELLINGS = {
     "of the state": lambda state: state[:1] * state[1:],
     "of state and input": lambda state, input: state[:1] * state[1:] + 0 * input,
     "of the time, too": lambda state, input, t: state[:1] * state[1:] + 0 * t,
+    "of state and time": of_the_time,
     "with an option": lambda state, scale=1.0: scale * state[:1] * state[1:],
     "with an input that may be left out": lambda x, u=None: x[:1] * x[1:] + 0 * u,
     "of a batch": lambda state: state[..., :1] * state[..., 1:],
-    "of what comes": lambda *args: args[0][:1] * args[0][1:] + 0 * args[1],
+    "with options by name": lambda state, *, scale=1.0, **more: scale * state[:1] * state[1:],
+    "in part given": functools.partial(scaled, 1.0),
 }
 
 

@@ -50,7 +50,7 @@ class Proofreading(pytest.Item):
         folder = Path(os.environ.get("CLAIMS", ROOT / "build" / "claims"))
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{chapter.path.stem}.json").write_text(json.dumps(made, indent=1) + "\n")
-        if complaints := proofread.complaints(chapter.nb, chapter.path.name):
+        if complaints := proofread.complaints(chapter.nb, chapter.path):
             raise AssertionError("\n".join(complaints))
 
     def repr_failure(self, excinfo):

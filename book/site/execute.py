@@ -29,7 +29,7 @@ def execute(chapter: Path, target: Path) -> str:
     NotebookClient(
         notebook, timeout=CELL_SECONDS, resources=folder, extra_arguments=quiet
     ).execute()
-    if wrong := complaints(notebook, chapter.name):
+    if wrong := complaints(notebook, chapter):
         raise ValueError("\n  ".join(["does not pass its proofreading:", *wrong]))
     target.parent.mkdir(parents=True, exist_ok=True)
     nbformat.write(notebook, target)

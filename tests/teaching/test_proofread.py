@@ -1,16 +1,25 @@
 """Each rule complains about what it should, and about nothing else."""
 
+from pathlib import Path
+
+import jupytext
 import nbformat
 import pytest
 
-from pypose_lite.teaching.proofread import (
+from pypose_lite.teaching.proofread import OLD_FORM, complaints, shared_headings
+from pypose_lite.teaching.proofread.code import folded_names, long_cells, statements, wide_lines
+from pypose_lite.teaching.proofread.prose import (
+    headings_in_answers,
+    measured_numbers,
+    numbers_in_words,
+    predictions,
+)
+from pypose_lite.teaching.proofread.shown import (
+    claims_in_their_cells,
     claims_twice,
     claims_unmade,
-    complaints,
     figures_without_claim,
-    long_cells,
-    measured_numbers,
-    wide_lines,
+    figures_without_text,
 )
 
 new = nbformat.v4
@@ -101,15 +110,15 @@ def test_numbers_in_code_cells_are_not_prose():
 
 
 def test_the_complaint_says_how_to_mend_it():
-    [complaint] = measured_numbers(notebook("The error is 0.21 m."))
-    for part in ("'0.21 m'", "{claim}`its_name`", "<!-- given: 0.21 m -->", "The error is"):
-        assert part in complaint
+    [fault] = measured_numbers(notebook("The error is 0.21 m."))
+    for part in ("'0.21 m'", "{claim}`its_name`", "<!-- given: 0.21 m -->"):
+        assert part in fault.text
 
 
 @pytest.mark.parametrize("figure", [PICTURE, WIDGET, FILM])
 def test_a_section_that_only_shows_is_found(figure):
     found = figures_without_claim(notebook("# One", [claimed("a")], "## Two", [figure], "## Three"))
-    assert list(found) == [
+    assert [fault.text for fault in found] == [
         "section 'Two' shows a figure and claims nothing: add a claim(...) under it"
     ]
 
@@ -137,14 +146,16 @@ def test_the_first_and_the_last_section_count_too(cells):
 
 def test_a_name_is_claimed_once():
     text = notebook([claimed("a"), claimed("b")], [claimed("a")])
-    assert list(claims_twice(text)) == [
-        "claim 'a' is made 2 times: text could not tell which one it means"
+    assert [fault.text for fault in claims_twice(text)] == [
+        "claim 'a' is made twice: text could not tell which one it means"
     ]
 
 
 def test_text_refers_to_claims_that_are_made():
     text = notebook("{claim}`a`, {claim}`b`, {claim}`04_ekf.c` and ``{claim}`d` ``", [claimed("a")])
-    assert list(claims_unmade(text)) == ["text refers to {claim}`b`, which no cell claims"]
+    assert [fault.text for fault in claims_unmade(text)] == [
+        "text refers to {claim}`b`, which no cell claims"
+    ]
 
 
 def program(*sources, tags=()):
@@ -153,11 +164,12 @@ def program(*sources, tags=()):
     return new.new_notebook(cells=cells)
 
 
-@pytest.mark.parametrize("tags", [[], ["hide-input"], ["remove-cell"]])
-def test_a_code_cell_of_more_than_20_lines_is_found(tags):
-    [complaint] = long_cells(program("i = 1\n" * 20, "j = 2\n\n" + "k = 3\n" * 19, tags=tags))
-    assert complaint.startswith("a code cell has 21 lines, more than 20: ")
-    assert complaint.endswith("begins 'j = 2'")
+@pytest.mark.parametrize(("tags", "most"), [([], 20), (["hide-input"], 40), (["answer"], 40)])
+def test_a_code_cell_that_does_not_fit_on_a_screen_is_found(tags, most):
+    text = program("i = 1\n" * most, "j = 2\n\n" + "k = 3\n" * (most - 1), tags=tags)
+    [fault] = long_cells(text)
+    assert fault.text.startswith(f"a code cell has {most + 1} lines, more than {most}: ")
+    assert fault.cell == 1
 
 
 def test_a_code_cell_may_have_20_lines_and_a_text_cell_more():
@@ -168,9 +180,10 @@ def test_a_code_cell_may_have_20_lines_and_a_text_cell_more():
 
 @pytest.mark.parametrize("line", ["x = " + 83 * "1", "# " + 85 * "y", 4 * " " + 83 * "z"])
 def test_a_line_of_code_of_more_than_86_columns_is_found(line):
-    [complaint] = wide_lines(program(f"i = 1\n{line}\nj = 2"))
-    assert complaint.startswith("a line of code has 87 columns, more than 86: ")
-    assert complaint.endswith(repr(line.strip()))
+    [fault] = wide_lines(program(f"i = 1\n{line}\nj = 2"))
+    assert fault.text.startswith("a line of code has 87 columns, more than 86: ")
+    assert fault.text.endswith(repr(line.strip()))
+    assert (fault.cell, fault.line) == (0, 1)
 
 
 def test_a_line_of_code_may_have_86_columns_and_a_line_of_text_more():
@@ -178,7 +191,256 @@ def test_a_line_of_code_may_have_86_columns_and_a_line_of_text_more():
     assert list(wide_lines(notebook("word " * 40))) == []
 
 
+@pytest.mark.parametrize(
+    ("prose", "number"),
+    [
+        ("It takes 12 steps.", "12 steps"),
+        ("It is twice as good.", "twice"),
+        ("Half as much noise", "Half"),
+        ("half of the runs", "half"),
+        ("It turns by two degrees.", "two degrees"),
+        ("ten times faster", "ten times"),
+        ("after a hundred\nlaps", "a hundred laps"),
+        ("a tenth of the cost", "a tenth"),
+        ("a twenty-step plan", "twenty-step"),
+    ],
+)
+def test_a_number_in_words_is_found(prose, number):
+    [fault] = numbers_in_words(notebook(prose))
+    assert f"prose states {number!r}." in fault.text
+
+
+@pytest.mark.parametrize(
+    "prose",
+    [
+        "one step at a time, two circles, three ways, on behalf of the half-plane",
+        "It takes {claim}`steps` steps, $2$ times, `twice`.",
+        "It looks ten steps ahead. <!-- given: ten steps -->",
+        "twice, and half a metre <!-- given: twice,\n half -->",
+        "The car visits 17 waypoints.",
+    ],
+)
+def test_other_words_are_not_complained_about(prose):
+    assert list(numbers_in_words(notebook(prose))) == []
+
+
+def lesson(source):
+    """The notebook of a jupytext file."""
+    return jupytext.reads(source, "py:percent")
+
+
+PREDICT = """\
+# %% [markdown]
+# **Predict.** More, or less?
+"""
+ANSWER = """\
+# %% tags=["answer"]
+print(1)
+# %% [markdown] tags=["answer"]
+# Less.
+"""
+
+
+def test_a_question_is_followed_by_its_folded_answer():
+    assert list(predictions(lesson(PREDICT + ANSWER + PREDICT + ANSWER))) == []
+
+
+@pytest.mark.parametrize("source", [PREDICT, PREDICT + "# %%\nprint(1)\n" + PREDICT + ANSWER])
+def test_a_question_without_an_answer_is_found(source):
+    [fault] = predictions(lesson(source))
+    assert (fault.cell, fault.text) == (0, 'after **Predict.** comes a cell with the tag "answer"')
+
+
+def test_an_answer_without_a_question_is_found():
+    [fault] = predictions(lesson("# %% [markdown]\n# No question.\n" + ANSWER))
+    expected = "an answer without a text before it that asks: **Predict.**"
+    assert (fault.cell, fault.text) == (1, expected)
+
+
+def test_a_heading_in_an_answer_is_found():
+    answer = '# %% [markdown] tags=["answer"]\n# Less.\n#\n# ### Why\n'
+    [fault] = headings_in_answers(lesson(PREDICT + answer))
+    assert (fault.line, "'### Why' in an answer" in fault.text) == (2, True)
+    plain = PREDICT + "# %% [markdown]\n# ### Why\n" + ANSWER
+    assert list(headings_in_answers(lesson(plain))) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [
+        ("a = 1; b = 2", "two statements on a line"),
+        ("if a: b = 2", "two statements on a line"),
+        ("def f(x): return x", "two statements on a line"),
+        ("print(n := 3)", ":= in an expression"),
+        ("a, b = 1, 2", "a tuple assigned to a tuple"),
+        ("def f():\n    a, b = [], {}", "a tuple assigned to a tuple"),
+    ],
+)
+@pytest.mark.parametrize("tags", [[], ["answer"]])
+def test_a_line_that_does_two_things_is_found(code, text, tags):
+    [fault] = statements(program("x = 1\n" + code, tags=tags))
+    assert fault.text.startswith(text)
+    assert fault.line == 1 + code.count("\n")
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "a, b = f(x)\nfor i, j in pairs:\n    print(i)",
+        "q, (r, s) = torch.linalg.qr(A)",
+        "f = lambda x: x\nif a:\n    b = 2\nelse:\n    b = 3",
+        "%time x = 1\n!ls",
+    ],
+)
+def test_a_line_that_does_one_thing_is_not_complained_about(code):
+    assert list(statements(program(code))) == []
+
+
+@pytest.mark.parametrize("tag", ["hide-input", "claims", "setup"])
+def test_folded_code_may_be_dense(tag):
+    assert list(statements(program("a, b = 1, 2; c = 3", tags=[tag]))) == []
+
+
+SETUP = '# %% tags=["setup"]\nimport torch\ndt = 0.1\n'
+FOLDED = '# %% tags=["{}"]\ngain = 2\ndef secret(x):\n    inner = x\n    return inner\n'
+USE = "# %%\nfor k in range(3):\n    y = torch.ones(1) * dt\nz = secret(gain + gain)\n"
+
+
+@pytest.mark.parametrize("tag", ["hide-input", "claims", "answer", "remove-cell"])
+def test_a_name_that_only_a_folded_cell_defines_is_found(tag):
+    faults = list(folded_names(lesson(SETUP + FOLDED.format(tag) + USE)))
+    assert [fault.text.split("'")[1] for fault in faults] == ["secret", "gain"]
+    assert {(fault.cell, fault.line) for fault in faults} == {(2, 2)}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "# %%\ngain, secret = f()\n" + FOLDED.format("hide-input") + USE,
+        FOLDED.format("hide-input")
+        + "# %%\ngain = 3\ndef secret(inner):\n    return inner + gain\n",
+        FOLDED.format("hide-input") + '# %% tags=["hide-input"]\nsecret(gain)\n',
+        FOLDED.format("setup") + USE,
+        FOLDED.format("claims") + "# %%\n[inner for inner in range(3)]\n",
+    ],
+)
+def test_a_name_that_a_reader_has_seen_is_not_complained_about(source):
+    assert list(folded_names(lesson(SETUP + source))) == []
+
+
+NO_TEXT = new.new_output("display_data", {"text/html": "<img src='data:...' alt=\"\">"})
+WITH_TEXT = new.new_output("display_data", {"text/html": '<img alt="A line." src="data:...">'})
+
+
+@pytest.mark.parametrize("figure", [PICTURE, FILM, NO_TEXT])
+def test_a_figure_without_an_alternative_text_is_found(figure):
+    [fault] = figures_without_text(notebook("# One", [figure]))
+    assert fault.cell == 1
+    assert 'plotting.show(fig, "what it shows")' in fault.text
+
+
+@pytest.mark.parametrize("call", ["widgets.panels(draw, [1])", "animate(draw, 3, alt=' ')"])
+def test_a_slider_or_a_film_without_an_alternative_text_is_found(call):
+    [fault] = figures_without_text(program(f"x = 1\ndisplay({call})"))
+    assert (fault.line, 'alt="what it shows"' in fault.text) == (1, True)
+
+
+def test_a_figure_with_an_alternative_text_is_not_complained_about():
+    assert list(figures_without_text(notebook([WITH_TEXT, TEXT, claimed("a")]))) == []
+    calls = "widgets.live(draw, alt='A line.', k=1)\nanimate(draw, 3, alt=text)\nlive = 3"
+    assert list(figures_without_text(program(calls))) == []
+
+
+def test_claims_stand_in_cells_of_their_own():
+    code = "error = x.mean()\nfor name in names:\n    claim(name, error, below=1)\nclaim('a', 1)"
+    assert list(claims_in_their_cells(program(code, tags=["claims"]))) == []
+    assert list(claims_in_their_cells(program("claimed = 3\nprint(claimed)"))) == []
+
+
+@pytest.mark.parametrize("code", ["print(3)", "plt.show()", "import torch", "x"])
+def test_a_cell_of_claims_does_nothing_beside(code):
+    [fault] = claims_in_their_cells(program(f"claim('a', 1)\n{code}", tags=["claims"]))
+    assert (fault.line, "not this" in fault.text) == (1, True)
+
+
+@pytest.mark.parametrize("code", ["claim('a', 1)", "for x in y:\n    claim(x, 1)"])
+def test_a_claim_elsewhere_is_found(code):
+    [fault] = claims_in_their_cells(program(code, tags=["hide-input"]))
+    assert fault.text == 'a claim outside a cell with the tag "claims"'
+
+
+def test_chapters_share_no_headings_of_the_second_level():
+    chapters = {
+        "01_a": notebook("# One\n\n## From scratch\n\n### More", "## Summary"),
+        "02_b": notebook("# One\n\n## From scratch", "### More\n\n## Summary"),
+    }
+    [complaint] = shared_headings(chapters)
+    assert complaint.startswith("02_b and 01_a have the same heading, 'From scratch'")
+    assert shared_headings({"01_a": chapters["01_a"]}) == []
+
+
+SOURCE = """\
+# ---
+# jupyter: {kernelspec: {name: python3}}
+# ---
+
+# %% [markdown]
+# # One
+#
+# It is 0.21 m.
+
+# %%
+x = 1
+
+y = 2; z = 3
+"""
+
+
+@pytest.fixture
+def chapter(tmp_path):
+    """Writes a chapter into a folder ``book``, and returns its complaints."""
+
+    def write(source, name="10_new.py"):
+        path = tmp_path / "book" / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(source)
+        return complaints(lesson(source), path)
+
+    return write
+
+
+def test_a_complaint_begins_with_the_file_and_the_line(chapter):
+    first, second = chapter(SOURCE)
+    assert first.startswith("book/10_new.py:8: prose states '0.21 m'")
+    assert second.startswith("book/10_new.py:13: two statements on a line")
+
+
+@pytest.mark.skipif(not OLD_FORM, reason="every chapter is in the new form")
+def test_a_chapter_in_the_old_form_is_held_to_the_old_rules(chapter):
+    old = max(OLD_FORM)
+    [complaint] = chapter(SOURCE, f"{old}.py")
+    assert complaint.startswith(f"book/{old}.py:8: prose states")
+    [complaint, _] = chapter(SOURCE + SETUP, f"{old}.py")
+    assert complaint.endswith(f"is in the new form: take {old} off OLD_FORM in proofread")
+
+
+def test_a_lab_is_in_the_new_form():
+    name = max(OLD_FORM, default="03_mpc")
+    assert len(complaints(lesson(SOURCE), Path(f"solutions/{name}.py"))) == 2
+
+
+def test_a_lab_may_count_in_words():
+    text = notebook("Half a metre, in 12 steps.")
+    assert complaints(text, Path("solutions/03_mpc.py")) == []
+    assert len(complaints(text, Path("tutorials/03_mpc.py"))) == 2
+
+
 def test_all_rules_are_applied():
-    text = notebook("# 0.21 m {claim}`b`", [PICTURE], "# Two", [claimed("a"), claimed("a")])
+    text = notebook("# 0.21 m {claim}`b`, twice", [PICTURE], "# Two", [claimed("a"), claimed("a")])
     text.cells.append(new.new_code_cell("i = 1\n" * 20 + 87 * "j"))
-    assert len(complaints(text)) == 6
+    text.cells += lesson(PREDICT + FOLDED.format("hide-input") + USE).cells
+    text.cells += program("claim('a', 1); live()").cells
+    text.cells += lesson(PREDICT + '# %% [markdown] tags=["answer"]\n# # No\n').cells
+    text.cells += lesson("# %% [markdown]\n# \n" + ANSWER).cells
+    kinds = {complaint[:12] for complaint in complaints(text)}
+    assert len(kinds) == 14, kinds

@@ -6,7 +6,12 @@ HEADER = """\
 #   kernelspec: {display_name: Python 3, language: python, name: python3}
 # ---
 """
-CLAIM = "# %%\nfrom pypose_lite.teaching.claims import claim\nclaim('a', {}, below=1, unit='m')\n"
+CLAIM = """\
+# %% tags=["setup"]
+from pypose_lite.teaching.claims import claim
+# %% tags=["claims"]
+claim('a', {}, below=1, unit='m')
+"""
 PROSE = "# %% [markdown]\n# It is 0.21 m.\n"
 ERROR = "# %%\n1 / 0\n"
 FIGURE = """\
@@ -14,7 +19,7 @@ FIGURE = """\
 # # Look
 # %%
 from IPython.display import HTML
-HTML("<img src='x'>")
+HTML("<img alt='A cross.' src='x'>")
 """
 LESSON = (
     HEADER

@@ -35,7 +35,7 @@ def test_a_chapter_that_holds_becomes_a_notebook_with_outputs(chapter, tmp_path)
     line = execute.execute(chapter(CLAIM.format(0.25)), tmp_path / "out" / "x.ipynb")
     notebook = nbformat.read(tmp_path / "out" / "x.ipynb", as_version=4)
     assert line.startswith("x: 1 claims hold (")
-    assert "claim" in notebook.cells[0].outputs[0].metadata
+    assert "claim" in notebook.cells[1].outputs[0].metadata
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,8 @@ def test_a_chapter_that_does_not_hold_ends_the_build_without_a_traceback(chapter
     command = [sys.executable, execute.__file__, chapter(PROSE), tmp_path / "out.ipynb"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 1
-    assert "x.py: does not pass its proofreading:\n  prose states '0.21 m'" in done.stderr
+    assert "x.py: does not pass its proofreading:" in done.stderr
+    assert "/x.py:6: prose states '0.21 m'" in done.stderr
     assert "Traceback" not in done.stderr
 
 

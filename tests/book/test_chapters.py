@@ -8,6 +8,8 @@ import pytest
 import yaml
 from small_books import CLAIM, ERROR, FIGURE, PROSE
 
+from pypose_lite.teaching.proofread import OLD_FORM, shared_headings
+
 ROOT = Path(__file__).parents[2]
 CHAPTERS = sorted((ROOT / "book").glob("*.py"))
 TOC = yaml.safe_load((ROOT / "_toc.yml").read_text())
@@ -31,10 +33,10 @@ def report(run_book):
 @pytest.mark.parametrize(
     "line",
     [
-        "FAILED book/claim.py::Cell 0",
+        "FAILED book/claim.py::Cell 1",
         "FAILED book/error.py::Cell 0",
-        "FAILED book/prose.py::proofreading - prose states '0.21 m'",
-        "FAILED book/figure.py::proofreading - section 'Look' shows a figure",
+        "FAILED book/prose.py::proofreading - book/prose.py:6: prose states '0.21 m'",
+        "FAILED book/figure.py::proofreading - book/figure.py:8: section 'Look' shows",
         "claim does not hold: a = 1.5 m; claimed: below 1 m",
         "ZeroDivisionError",
     ],
@@ -54,6 +56,11 @@ def test_a_chapter_is_a_notebook_that_jupyterlab_can_start(path):
     assert notebook.metadata.kernelspec.name == "python3"
     assert notebook.cells[0].cell_type == "markdown"
     assert notebook.cells[0].source.startswith("# ")
+
+
+def test_lessons_have_headings_of_their_own():
+    lessons = {path.stem: jupytext.read(path) for path in CHAPTERS if path.stem not in OLD_FORM}
+    assert shared_headings(lessons) == []
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)

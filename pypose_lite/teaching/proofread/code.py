@@ -43,9 +43,12 @@ def wide_lines(notebook: Any) -> Iterator[Fault]:
 
 
 def statements(notebook: Any) -> Iterator[Fault]:
-    """Yields what makes a line of visible code do two things: ``;``, ``:=``, ``a, b = 1, 2``."""
+    """Yields what makes a line of visible code do two things: ``;``, ``:=``, ``a, b = 1, 2``.
+
+    A cell with the tag ``as-printed``, a listing of somebody else, stays as it is.
+    """
     for k, cell in code_cells(notebook):
-        if tags(cell) & (FOLDED - {"answer"}):
+        if tags(cell) & (FOLDED - {"answer"} | {"as-printed"}):
             continue
         begun: set[int] = set()
         for node in ast.walk(parsed(cell)):

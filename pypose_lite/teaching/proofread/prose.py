@@ -60,11 +60,11 @@ def _numbers(notebook: Any, numbers: re.Pattern) -> Iterator[Fault]:
     for k, cell in text_cells(notebook):
         declared = re.findall(r"<!-- given: (.*?) -->", cell.source, re.DOTALL)
         given = GIVEN.union(*(re.split(r",\s+", part) for part in declared))
-        given = {" ".join(number.lower().split()) for number in given}
+        known = {" ".join(number.lower().split()) for number in given}
         blanked = NOT_PROSE.sub(lambda found: re.sub(r"[^\n]", "\0", found[0]), cell.source)
         for found in numbers.finditer(blanked):
             number = " ".join(found[0].split())
-            if not given & {number.lower(), number.split()[0].lower()}:
+            if not known & {number.lower(), number.split()[0].lower()}:
                 yield Fault(k, line_of(cell, found.start()), _mend(number))
 
 

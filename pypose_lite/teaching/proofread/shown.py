@@ -13,7 +13,7 @@ from .prose import REFERENCE, section
 FIGURE = re.compile(r"image/|video/|application/vnd\.jupyter\.widget-view")
 PICTURE = re.compile(r"image/|video/")
 ELEMENT = re.compile(r"<(?:img|svg|video)\b[^>]*>")
-ALT = re.compile(r"\balt=\"[^\"]*\w[^\"]*\"")
+ALT = re.compile(r"\balt=([\"'])[^\"']*\w.*?\1")
 DRAWERS = {"panels", "live", "animate"}  # functions of teaching that show, and take an alt=
 COMPUTES = (
     ast.Assign | ast.AugAssign | ast.AnnAssign | ast.For | ast.If | ast.With | ast.FunctionDef
@@ -62,10 +62,10 @@ def claims_in_their_cells(notebook: Any) -> Iterator[Fault]:
                     text = "a cell of claims holds claims and what they compute, not this"
                     yield Fault(k, statement.lineno - 1, text)
         else:
-            for statement in ast.walk(tree):
-                if _is_claim(statement):
+            for node in ast.walk(tree):
+                if isinstance(node, ast.stmt) and _is_claim(node):
                     text = 'a claim outside a cell with the tag "claims"'
-                    yield Fault(k, statement.lineno - 1, text)
+                    yield Fault(k, node.lineno - 1, text)
 
 
 def claims_twice(notebook: Any) -> Iterator[Fault]:

@@ -104,7 +104,7 @@ for name, gain in gains.items():
 ax.set(xlabel="time (s)", ylabel="distance from the line (m)")
 ax.set(yscale="log", ylim=(1e-3, 1e3))
 ax.legend()
-alt = "On a logarithmic axis one distance falls in a straight line and the other rises in one."
+alt = "On a logarithmic axis one distance falls in a line, the other rises in one."
 plotting.show(fig, alt)
 
 # %% [markdown]

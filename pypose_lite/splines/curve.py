@@ -69,7 +69,8 @@ class Spline:
         there = self.take(segment).local(u, derivative)
         if self.times is None or derivative == 0:
             return there
-        return there / _timing(self.times, segment)[1][..., None] ** derivative
+        begin, end = _ends(self.times, segment)
+        return there / (end - begin)[..., None] ** derivative
 
     def locate(self, t: Tensor) -> tuple[Tensor, Tensor]:
         """The numbers of the segments that ``t`` (..., M) lies in, and u in each of them."""
@@ -83,15 +84,14 @@ class Spline:
         inner, t = self.times[..., 1:-1].expand(*batch, -1), t.expand(*batch, -1)
         where = inner.detach().contiguous(), t.detach().contiguous()
         segment = torch.searchsorted(*where, right=True)  # a knot belongs to what begins there
-        begin, duration = _timing(self.times, segment)
-        return segment, (t - begin) / duration
+        begin, end = _ends(self.times, segment)
+        return segment, (t - begin) / (end - begin)
 
     def parameter(self, segment: Tensor, u: Tensor) -> Tensor:
         """The parameters ``t (..., M)`` at ``u (..., M)`` of the segments ``segment (..., M)``."""
         if self.times is None:
             return segment + u
-        begin, duration = _timing(self.times, segment)
-        return begin + u * duration
+        return torch.lerp(*_ends(self.times, segment), u)  # never beyond the end
 
     def sample(self, interval: float = 0.1, derivative: int = 0) -> Tensor:
         """What ``__call__`` gives at 0, interval, 2 interval ... of every segment, and the end.
@@ -168,10 +168,10 @@ def _take(x: Tensor, segment: Tensor) -> Tensor:
     return x.expand(*batch, -1, -1).take_along_dim(index, -2)
 
 
-def _timing(times: Tensor, segment: Tensor) -> tuple[Tensor, Tensor]:
-    """When the given segments begin and how long they take, both (..., M)."""
+def _ends(times: Tensor, segment: Tensor) -> tuple[Tensor, Tensor]:
+    """When the given segments begin, and when they end, both (..., M)."""
     begin, end = (_take(x[..., None], segment)[..., 0] for x in (times[..., :-1], times[..., 1:]))
-    return begin, end - begin
+    return begin, end
 
 
 def _weights(table: Table, u: Tensor, derivative: int) -> list[Tensor]:

@@ -100,12 +100,13 @@ def test_a_distance_is_found_from_a_guess_where_the_curve_rests():
 
 
 @pytest.mark.parametrize("check", [gradcheck, gradgradcheck])
-def test_points_at_given_distances_have_the_right_gradients(check):
+@pytest.mark.parametrize("times", [None, [0.0, 0.3, 0.7, 2.0]])
+def test_points_at_given_distances_have_the_right_gradients(check, times):
     p = smooth(4).requires_grad_()
     s = torch.tensor([0.1, 0.8, 1.9], dtype=F64, requires_grad=True)
 
     def walk(p, s):
-        spline = hermite(p)
+        spline = hermite(p, times=times)
         return spline(parameter_at(spline, s))
 
     assert check(walk, (p, s))
@@ -252,6 +253,16 @@ def test_lengths_do_not_depend_on_the_times():
     close(arc_length(timed), arc_length(plain))
     s = torch.linspace(0, 2, 9, dtype=F64)
     close(timed(parameter_at(timed, s)), plain(parameter_at(plain, s)))
+
+
+def test_evenly_spaced_parameters_never_pass_the_last_time():
+    """Not by one digit: parameters beyond are refused."""
+    times = torch.rand(50, 5, generator=torch.Generator().manual_seed(0), dtype=F64).cumsum(-1)
+    curve = hermite(smooth(5), times=times)
+    t = evenly_spaced(curve, 4)
+    close(curve(t)[:, [0, -1]], smooth(5)[[0, -1]].expand(50, 2, 2))
+    ends = curve.parameter(torch.arange(4).expand(50, 4), torch.ones(50, 4, dtype=F64))
+    assert torch.equal(ends, times[:, 1:])
 
 
 def test_no_fewer_than_two_points_are_evenly_spaced():

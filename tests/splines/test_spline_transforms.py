@@ -26,7 +26,10 @@ def walk(p, s):
 
 POINTS = torch.stack([W[i : i + 5, :2] for i in range(4)])
 FAR = torch.tensor([[0.1, 1.0], [0.5, 2.2], [0.1, 1.3], [0.2, 0.3]], dtype=F64)
+LATE = torch.tensor([[0, 1, 2, 4, 5.0]], dtype=F64) + torch.rand(4, 5, dtype=F64) / 3
 FUNCTIONS = {
+    "times": (lambda h: splines.cubic_spline(POINTS[0], h).sample(0.25, 1), LATE),
+    "closed": (lambda p: pp.chspline(torch.cat([p, p[:1]]), 0.25, ends="periodic"), POINTS),
     "point": (lambda s: CURVE(s), FAR),
     "one point": (lambda s: CURVE(s), FAR[:, 0]),
     "velocity": (lambda s: UNEVEN(s, 1), FAR),

@@ -13,681 +13,838 @@
 # %% [markdown]
 # # Model predictive control
 #
-# So far somebody gave the car a curve to follow. Now it gets nothing but the next waypoint. It
-# thinks a second ahead, takes one step, and thinks again. That is model predictive control, MPC,
-# and with it the car drives the infinity by itself.
+# <!-- given: 1970s -->
+# An oil refinery has hundreds of valves. Each of them has a lowest and a highest position, and what
+# it does shows only minutes later. Since the 1970s such plants have been run by one simple idea:
+# predict with a model, plan a short way ahead, carry out the first step of the plan, look again,
+# and plan anew. The same idea now places the feet of walking robots and lands rockets. It is called
+# {term}`model predictive control`, MPC, and in this chapter the car uses it to drive the infinity
+# by itself.
 #
 # After this chapter you can
 #
-# - plan for a nonlinear system by iterative LQR, in 25 lines of your own;
-# - close the loop around it, and say what horizon, warm start and noise do;
-# - give the planner a speed limit, and check that its plan is optimal;
-# - tell three faults apart that keep a car from arriving, by one figure;
-# - differentiate a plan, and learn from it what a driver believes.
+# - plan for a nonlinear system by iterative LQR, in a few short functions of your own;
+# - close the loop around the plan, and choose a horizon, a warm start and a terminal cost;
+# - give the planner limits for its inputs, and test whether a plan is optimal;
+# - say what this method can do, and when another one is the better choice.
 #
-# You need [chapter 2](02_lqr.py). Take about 90 minutes. The chapter reproduces Fig. 2 (a) and (b)
-# of the paper {cite}`pypose06`. <!-- given: 90 minutes -->
+# You need [chapter 1](01_systems.py) (the car and its linearisation) and [chapter 2](02_lqr.py)
+# (the cost-to-go and the Riccati recursion). Take about 60 minutes. The chapter reproduces Fig. 2
+# (a) and (b) of the paper {cite}`pypose06`. <!-- given: 60 minutes -->
 
-# %%
+# %% tags=["setup"]
 import inspect
 import math
-from functools import partial
 
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import display
-from torch.autograd import gradcheck
+from IPython.display import Code, display
 
 import pypose_lite as pp
-from pypose_lite import go1, infinity
-from pypose_lite.control import sweep as sweeps
+from pypose_lite import infinity
+from pypose_lite.control import sweep as library
 from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
-dt, T, p = 0.1, 10, None  # one time step (s), steps to plan, no linear weights
-Q = torch.diag(torch.tensor([1, 1, 0.3, 0.3, 0.01, 0.01]))  # weights of [x, u]
-car, W = pp.DubinsCar(dt), infinity.waypoints()
+
+# %% [markdown]
+# The car is that of chapter 1. Its *cost* weighs the distance of each state from the next
+# waypoint, position and heading, and lightly the inputs. The last line is the paper's.
+
+# %%
+dt = 0.1  # s, the length of one time step
+T = 10  # steps to plan
+p = None  # no linear weights
+weights = [1, 1, 0.3, 0.3, 0.01, 0.01]  # of i, j, cos, sin, v, phi
+Q = torch.diag(torch.tensor(weights))
+car = pp.DubinsCar(dt)
+waypoints = infinity.waypoints()
 mpc = pp.module.MPC(car, Q, p, T)
 
 # %% tags=["hide-input"]
 lap = infinity.drive(mpc)
-plans = mpc.solve(dt, lap.x[:-1], W[lap.goal])  # those of the lap, in one batch
+plans = mpc.solve(dt, lap.x[:-1], waypoints[lap.goal])  # all plans, in one batch
 fig, ax = plt.subplots(figsize=(7, 4.3))
-plotting.plot_waypoints(plotting.infinity_axes(ax), W)
+plotting.plot_waypoints(plotting.infinity_axes(ax), waypoints)
 [way] = plotting.plot_states(ax, lap.x[:1], label="car")
-[plan] = ax.plot([], [], "kx--", ms=5, lw=1, label="plan, a second ahead")
+[ahead] = ax.plot([], [], "kx--", ms=5, lw=1, label="plan, a second ahead")
 [aim] = ax.plot([], [], "o", ms=13, mfc="none", color=plotting.GREEN, label="aim")
 fig.legend(loc="outside lower center", ncols=4)
 
 
 def think(k):
-    paths = lap.x[: 3 * k + 1], plans.x[3 * k], W[lap.goal[3 * k], None]
-    for line, x in zip([way, plan, aim], paths):
+    paths = lap.x[: 3 * k + 1], plans.x[3 * k], waypoints[lap.goal[3 * k], None]
+    for line, x in zip([way, ahead, aim], paths):
         line.set_data(*x[:, :2].mT)
     return fig
 
 
-display(animate(think, len(plans.x) // 3, seconds=0.4))
+alt = "A film: a car on the infinity sign, and its plan, which moves on with it."
+display(animate(think, len(plans.x) // 3, seconds=0.4, alt=alt))
+
+# %% tags=["claims"]
 claim("lap_steps", lap.steps, below=60)
+visits = lap.x[torch.searchsorted(lap.goal, torch.arange(17), right=True)]  # in order
+near = (visits - waypoints)[:, :2].norm(dim=-1) <= 0.1
+claim("visited", near.sum(), equals=17, paper=17)
 
 # %% [markdown]
-# A step takes a tenth of a second; every third one is shown. The crosses are the *plan*: $T = 10$
-# steps that would bring the car to the waypoint in the ring. The car takes the first of them and
-# throws the other nine away. Then it looks where it is and plans anew. The end of the plan moves on
-# as the car does, like a horizon: it *recedes*. After {claim}`lap_steps` steps the lap is done.
+# Every third step is shown. The crosses are the *plan*: ten steps, one second, that bring the car
+# to the waypoint in the ring. The car takes the first step of it and throws the others away. Then
+# it looks where it is, and plans anew. The end of the plan moves on with the car like a horizon,
+# which is why one also speaks of a {term}`receding horizon`. After {claim}`lap_steps` steps the car
+# has visited all {claim}`visited` waypoints. <!-- given: ten steps, one second, Every third -->
 
 # %% [markdown]
-# ## See it fail
+# ## It fails: a model that is linear once
 #
-# Chapter 2 ended with advice: make the car linear where it *is*, again and again. There is no
-# curve to follow now, only a waypoint. Two ways to take the advice at its word. `one_gain` makes
-# the car linear once, at the start, and keeps that gain of `dlqr`. `one_sweep` calls `pp.LQR` in
-# every step, around the car as it stands there.
-#
-# **Predict.** How far do they get: both around, only the second one, or neither?
+# The LQR of chapter 2 needs a linear model, and the car's is different in every heading. Here are
+# two ways to use it all the same. `one_gain` linearises the car once, at the start, and keeps the
+# gain of `dlqr`. `one_sweep` calls `pp.LQR` anew in every step, with a model that is linear around
+# the car as it stands there.
 
 # %%
-A, B = car.linearize(W[0], torch.tensor([1.0, 0.0]))[:2]
-K, _ = pp.dlqr(A, B, Q[:4, :4], Q[4:, 4:])
+forward = torch.tensor([1.0, 0.0])
+A, B = car.linearize(waypoints[0], forward)[:2]
+gain, _ = pp.dlqr(A, B, Q[:4, :4], Q[4:, 4:])
 
 
 def one_gain(dt, x, target):
-    return None, (torch.tensor([1.0, 0.0]) - K @ (x - target))[None], None
+    u = forward - gain @ (x - target)
+    return None, u[None], None
 
 
 def one_sweep(dt, x, target):
-    return pp.LQR(car, Q, -Q[:, :4] @ target, T)(x, dt)
-
-
-fig, panels = plt.subplots(1, 2, figsize=(7, 2.7), sharey=True)
-stuck = [infinity.drive(steer, steps=60) for steer in (one_gain, one_sweep)]
-for ax, title, run in zip(panels, ["one_gain", "one_sweep"], stuck):
-    plotting.plot_waypoints(plotting.infinity_axes(ax, title), W)
-    plotting.plot_states(ax, run.x)
-plt.show()
-claim("one_gain_reached", stuck[0].goal.max() - 1, below=16)
-claim("one_sweep_reached", stuck[1].goal.max() - 1, below=16)
-
-# %% [markdown]
-# <details><summary>Answer</summary>
-#
-# Neither. Of 16 waypoints, `one_gain` reaches {claim}`one_gain_reached` and `one_sweep`
-# {claim}`one_sweep_reached`. Then they stand, and stand for ever. The gain was made for a car that
-# looks down. The sweep has a subtler fault: for a car that *stands*, turning changes no position,
-# and driving only the one ahead. That turning *now* helps driving *later* is a product of two
-# changes, and a linear model has no products. So beside a waypoint, already looking the right way,
-# it knows no better than to stay. We say that the car is *parked*; you will meet it again.
-#
-# </details>
-#
-# The car has to be linear not where it stands, but along the way that it is *going to take*. That
-# way we do not know. So guess one, and improve the guess.
-
-# %% [markdown]
-# ## From scratch
-#
-# One plan, the simplest case: from the start to the third waypoint, as if there were no others. Two
-# small tools come first. `price` adds up what a plan costs, each state measured from the target.
-# `follow` drives a new plan: it adds a `step` of the wanted changes to the old inputs, and corrects
-# by the gain where the new states leave the old ones.
-
-
-# %%
-def price(x, u, target):
-    z = torch.cat([x[:-1] - target, u], dim=-1)
-    return (z @ Q * z).sum() / 2
-
-
-def follow(x, u, gains, step):
-    xs, us = [x[0]], []
-    for t, K in enumerate(gains):
-        us.append(u[t] + step * K[:, 4] + K[:, :4] @ (xs[t] - x[t]))
-        xs.append(car.transition(xs[t], us[t]))
-    return torch.stack(xs), torch.stack(us)
+    return pp.LQR(car, Q, None, T)(x, dt, target=target)
 
 
 # %% [markdown]
-# Now the sweep, in three parts: make the car linear along the plan; run chapter 2's recursion from
-# the end; try four step lengths, and keep the cheapest plan.
+# **Predict.** How far do they get: both around the infinity, only the second one, or neither?
 
+# %% tags=["answer", "hide-input"]
+stuck = {"one_gain": infinity.drive(one_gain, steps=60)}
+stuck["one_sweep"] = infinity.drive(one_sweep, steps=60)
+fig, panels = plotting.stacked(2, height=2.5)
+for ax, (name, run) in zip(panels, stuck.items()):
+    plotting.plot_waypoints(plotting.infinity_axes(ax, name), waypoints)
+    plotting.plot_states(ax, run.x, label="car")
+panels[0].legend(loc="lower left")
+plotting.show(fig, "Two maps: with one gain and with one sweep the car stops early.")
 
-# %%
-def plan_by_hand(x_init, target, T, sweeps):
-    """The plan after each sweep."""
-    x, u = x_init.expand(T + 1, 4), torch.zeros(T, 2)  # first guess: stand still
-    found = [(x, u)]
-    for _ in range(sweeps):
-        z = torch.cat([x[:-1] - target, u], dim=-1)
-        A, B = car.linearize(x[:-1], u)[:2]  # 1. linear along the plan
-        V, v, gains = torch.zeros(4, 4), torch.zeros(4), []
-        for t in reversed(range(T)):  # 2. Riccati
-            F = torch.cat([A[t], B[t]], dim=-1)
-            H, h = Q + F.mT @ V @ F, Q @ z[t] + F.mT @ v
-            K = -torch.linalg.solve(H[4:, 4:], torch.cat([H[4:, :4], h[4:, None]], 1))
-            V, v = H[:4, :4] + H[:4, 4:] @ K[:, :4], h[:4] + H[:4, 4:] @ K[:, 4]
-            gains.insert(0, K)
-        tries = [follow(x, u, gains, step) for step in (1, 0.5, 0.25, 0.1)]
-        x, u = min([(x, u), *tries], key=lambda plan: price(*plan, target))  # 3.
-        found.append((x, u))
-    return found
+# %% tags=["answer", "claims"]
+claim("one_gain_reached", stuck["one_gain"].goal.max() - 1, below=16)
+claim("one_sweep_reached", stuck["one_sweep"].goal.max() - 1, below=16)
 
+# %% [markdown] tags=["answer"]
+# Neither. Of the 16 waypoints after the start `one_gain` reaches {claim}`one_gain_reached` and
+# `one_sweep` {claim}`one_sweep_reached`. Then the car stands still for ever. The gain was made for
+# a car that looks down. The sweep has a subtler fault. For a car that *stands*, a small turn
+# changes no position, and a small drive changes only the position ahead. That turning *now* helps
+# driving *later* is a product of two changes, and a linear model has no products. Beside a waypoint
+# that it already faces in the right direction, such a car has no reason to move: chapter 1 called
+# it parked.
 
-# %%
-found = plan_by_hand(W[0], W[3], T, sweeps=16)
-costs = torch.stack([price(*plan, W[3]) for plan in found])
-fig, ax = plt.subplots(figsize=(7, 3.4))
-ax.set_aspect("equal")
+# %% [markdown]
+# ## The idea: linear along a guess
+#
+# The car has to be linearised not where it stands but along the way that it is *going to take*. We
+# do not know this way; it is what we want to plan. So we guess a plan, linearise along it, solve
+# the LQR problem that results, and get a better plan. Then we linearise along the better one, and
+# so on. This is {term}`iterative LQR <iLQR>` {cite}`li2004ilqr`; one round of it is called a
+# *sweep*.
+
+# %% tags=["hide-input"]
+four_sweeps = []
+for count in (1, 2, 3, 16):
+    limit = pp.utils.ReduceToBason(steps=count, decreasing=0, tol=0)
+    guess = pp.MPC(car, Q, p, T, limit).solve(dt, waypoints[0], waypoints[3])
+    four_sweeps.append((count, guess))
+fig, ax = plt.subplots(figsize=(7, 3.6))
 colors = [plotting.SKY, plotting.GREEN, plotting.PURPLE, plotting.BLUE]
-for k, style, color in zip([1, 2, 3, 16], ["v:", "s-.", "^--", "o-"], colors):
-    label = f"sweep {k}: cost {costs[k]:.2f}"
-    ax.plot(*found[k][0][:, :2].mT, style, ms=4, color=color, label=label)
-plotting.plot_waypoints(ax, W[3:4], label="target")
-ax.set(xlabel="i (m)", ylabel="j (m)", ylim=(-0.85, 0.05))
-ax.legend()
-plt.show()
-claim("planned_end", (found[-1][0][-1] - W[3])[:2].norm(), below=0.1, unit="m")
-claim("never_rises", (costs.diff() <= 0).all(), equals=True)
-
-# %% [markdown]
-# The first guess was to stand still. After three sweeps the plan is good, and after sixteen it ends
-# {claim}`planned_end` from the waypoint. Now in mathematics. We look for the inputs
-# $u_0, \dots, u_{T-1}$ with the least cost
-#
-# $$
-# J = \sum_{t=0}^{T-1} \tfrac12 (z_t - r)^\top Q\, (z_t - r), \qquad x_{t+1} = f(x_t, u_t)
-# $$ (eq-3-cost)
-#
-# where $z_t = [x_t, u_t]$ is state and input, $r$ is the target with zeros for the inputs, and $Q$
-# holds the prices. Around a plan, small changes $\delta x_t$, $\delta u_t$ obey
-#
-# $$
-# \delta x_{t+1} = F_t \begin{bmatrix} \delta x_t \\ \delta u_t \end{bmatrix}, \qquad
-# F_t = [A_t \; B_t]
-# $$ (eq-3-linear)
-#
-# with chapter 1's matrices. Let $\tfrac12 \delta x^\top V \delta x + v^\top \delta x$ be the
-# cost-to-go: a plan that is not yet optimal has a slope $v$ besides the curvature $V$. Then step
-# $t$ and all that follows cost, in $\delta z = [\delta x, \delta u]$, a quadratic with
-#
-# $$ H = Q + F_t^\top V F_t, \qquad h = Q\, (z_t - r) + F_t^\top v $$ (eq-3-model)
-#
-# Its minimum over $\delta u$ is $\delta u = k_t + K_t \delta x$: in the code, `K` holds $K_t$ and,
-# as its last column, $k_t$. The new plan is
-#
-# $$ u_t^{\text{new}} = u_t + \alpha\, k_t + K_t\, (x_t^{\text{new}} - x_t) $$ (eq-3-step)
-#
-# with a step length $0 < \alpha \le 1$. At the full step the linear model may promise too much, so
-# we try, on the real car, and pay no more than before. This is *iterative LQR* {cite}`li2004ilqr`.
-
-# %% [markdown]
-# ## The library's version
-#
-# The paper's line `mpc = pp.module.MPC(car, Q, p, T)` stands in the first cell. `mpc.solve` also
-# says whether a plan has converged, after how many sweeps, and what it cost after each. Below is
-# its sweep, whole: what is done at each step, then the order. `modelled` is our step 1, `back` our
-# step 2, from the last time step to the first; `damping` and `exact` come in a moment.
-#
-# **Predict.** Each sweep by hand leaves about a twentieth of the gap to the best cost. When is the
-# library's gap below $10^{-10}$: as late as ours, some sweeps earlier, or ten times earlier?
-
-# %%
-print(inspect.getsource(sweeps.sweep).split('"""')[2])
-solved, gaps = mpc.solve(dt, W[0], W[3]), {}
-fig, ax = plt.subplots(figsize=(7, 3))
-for name, history in [("by hand", costs), ("library", solved.history)]:
-    gaps[name] = (history - solved.cost).clamp(min=1e-16)
-    ax.semilogy(gaps[name], "s--" if history is costs else "o-", ms=5, label=name)
-ax.set(xlabel="sweep", ylabel="cost above the best")
-ax.legend()
-plt.show()
-ours, theirs = gaps.values()
-claim("same_plan", (solved.u - found[-1][1]).abs().max(), below=1e-6)
-claim("left_by_a_sweep", (ours[9] / ours[5]) ** (1 / 4), above=0.02, below=0.1)
-claim("sweeps_by_hand", (ours > 1e-10).sum(), below=16)
-claim("digits_grow", theirs[6].log() / theirs[5].log(), above=1.6, below=2.6)
-claim("sweeps_of_library", (theirs > 1e-10).sum(), below=9)
-again = mpc.solve(dt, W[0], W[3], u_init=solved.u)
-claim("one_more_sweep", (again.u - solved.u).abs().max(), below=1e-8)
-
-# %% [markdown]
-# <details><summary>Answer</summary>
-#
-# Some earlier: {claim}`sweeps_of_library` instead of {claim}`sweeps_by_hand`. Ours is a straight
-# line on this axis, {claim}`left_by_a_sweep` of the gap in each sweep: *linear* convergence. Our
-# $H$ knows the curvature of the cost, but takes $f$ for a plane. That is *Gauss-Newton*. Near the
-# end the library adds the curvature of $f$ (`exact`), and a sweep brings {claim}`digits_grow` times
-# as many digits: *Newton*. So it can tell how little the next sweep would change, and does without
-# it where that is next to nothing, here {claim}`one_more_sweep`. Far away, where that curvature may
-# mislead, it does as we do. And where a sweep promised too much, it raises the price of changes for
-# the next one (`damping`).
-#
-# </details>
-#
-# Most of a sweep's time is Python's. Who plans more than a lap may call `mpc.compile()` first: it
-# spends a minute or two on the first plan, and the others come more than ten times faster
-# ([Speed](benchmarks.md)).
-
-# %% [markdown]
-# ## On the infinity
-#
-# The loop, at last. Two lines in it are the paper's, word for word: the noise (none yet, $q = 0$)
-# and the call of `mpc`. A waypoint counts as reached within a *tolerance* of 0.1 m.
-# <!-- given: 0.1 m -->
-
-# %%
-q, x, y, goal = 0.0, [W[0]], [], 1
-for i in range(200):
-    y.append(car.observation(x[i], None))
-    v = q * torch.randn(4)  # observation noise
-    if (y[i] + v - W[goal])[:2].norm() <= 0.1:
-        goal += 1
-    if goal == 17:
-        break
-    target = W[goal]
-    xt, u, cost = mpc(dt, y[i] + v, target)
-    x.append(car.transition(x[i], u[0]))
-x = torch.stack(x)
-claim("same_lap", (x - lap.x).abs().max(), below=1e-8)
-print(inspect.getsource(infinity.drive).split('"""')[2])
-
-# %% [markdown]
-# Same lap. `infinity.drive` does this for a batch, too, each car with its own goal, with a filter
-# (chapter 4) or a robot where there is one, and it hands each plan on to the next.
-#
-# Now the paper's figure. Panel (b) has the book's noise: 0.005 on the car, 0.163 on each component
-# of what it sees. Sixteen cars drive in one call. With such eyes a tolerance of 0.1 m is asking too
-# much, as "Break it" shows; here it is 0.3 m, and three sweeps a plan: no plan is worth more digits
-# than what it knows about the car. <!-- given: 0.1 m, 0.3 m -->
-
-# %%
-few = pp.module.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=3))
-
-
-def noisy_laps(tolerance, q=infinity.OBSERVATION_NOISE, controller=few, cars=16):
-    noise = {"process_noise": infinity.PROCESS_NOISE, "observation_noise": q}
-    noise["generator"] = torch.Generator().manual_seed(0)
-    start = {"x_init": W[0].expand(cars, 4), "tolerance": tolerance, "steps": 60}
-    return infinity.drive(controller, **start, **noise)
-
-
-noisy = noisy_laps(tolerance=0.3)
-fig, (a, b) = plt.subplots(1, 2, figsize=(7, 2.9), sharey=True)
-for ax, title in [(a, "(a) ideal"), (b, "(b) with noise")]:
-    plotting.plot_waypoints(plotting.infinity_axes(ax, title), W)
-    ax.label_outer()
-b.plot(*noisy.x[1:].permute(2, 1, 0)[:2], color=plotting.GREY, lw=0.4)
-b.lines[0].set_label("15 other cars")
-plotting.plot_states(a, lap.x)
-plotting.plot_states(b, noisy.x[0], label="car")
-_ = fig.legend(*b.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-
-# %% mystnb={"markdown_format": "myst"}
-rows, mean = [], {}
-ideal = infinity.drive(few, tolerance=0.3)
-runs = {"ideal, 0.1 m": lap, "ideal, 0.3 m": ideal, "16 with noise, 0.3 m": noisy}
-for name, run in runs.items():
-    error = infinity.tracking_error(run.x[..., :-1, :])[run.running]
-    mean[name], steps = error.mean(), run.steps.double().mean()
-    rows.append(f"{name} | {steps:.0f} | {error.mean():.3f} | {error.max():.3f}")
-display(table("car | steps | mean error (m) | largest (m)", rows))
-seen_error = (noisy.y - noisy.x[:, :-1])[..., :2].norm(dim=-1)[noisy.running].mean()
-visits = lap.x[torch.searchsorted(lap.goal, torch.arange(17), right=True)]  # in order
-claim("visited", ((visits - W)[:, :2].norm(dim=-1) <= 0.1).sum(), equals=17, paper=17)
-claim("end_error", lap.x[-1, :2].norm(), below=0.1, unit="m")
-claim("mean_error", mean["ideal, 0.1 m"], below=0.03, unit="m")
-claim("largest_error", infinity.tracking_error(lap.x).max(), below=0.1, unit="m")
-claim("all_finish", noisy.finished.all(), equals=True)
-claim("raw_error", seen_error, equals=0.2045, within=0.01, unit="m", paper=0.2045)
-claim("wildest_speed", noisy.u[..., 0].abs().max(), above=6, unit="m/s")
-claim("fluctuates", mean["16 with noise, 0.3 m"] / mean["ideal, 0.3 m"], above=2)
-
-# %% [markdown]
-# The ideal car visits {claim}`visited` waypoints in order, ends {claim}`end_error` from the centre,
-# and strays {claim}`mean_error` from the path on average, {claim}`largest_error` at most. With
-# noise all cars still arrive, but the path *fluctuates*, in the paper's word: the mean error is
-# {claim}`fluctuates` times as large. The car sees itself {claim}`raw_error` from where it is, and
-# believes it. Chapter 4 cures that.
-#
-# ### Warm start
-#
-# The last plan, moved on by one step (`pp.shift`), is nearly the plan of now: a far better first
-# guess than standing still. All plans of the lap, in a cold batch and a warm one:
-
-# %%
-warm = mpc.solve(dt, lap.x[1:-1], W[lap.goal[1:]], u_init=pp.shift(plans.u[:-1]))
-same_aim = lap.goal.diff() == 0
-cold_sweeps, warm_sweeps = plans.iterations[1:].double(), warm.iterations.double()
-claim("same_plans", (warm.u - plans.u[1:]).abs().max(), below=1e-6)
-claim("sweeps_cold", cold_sweeps[same_aim].mean(), above=3, below=6)
-claim("sweeps_warm", warm_sweeps[same_aim].mean(), below=4)
-saved = cold_sweeps - warm_sweeps
-claim("saved", saved[same_aim].mean(), above=0.5, below=2)
-claim("saved_at_new_aim", saved[~same_aim].mean(), above=-1, below=2)
-hasty = pp.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=1))
-once = hasty.solve(dt, lap.x[1:-1], W[lap.goal[1:]], u_init=pp.shift(plans.u[:-1]))
-worse, run = 100 * (once.cost / warm.cost - 1), infinity.drive(hasty, steps=60)
-claim("hasty_costs", worse[same_aim].max(), below=0.001, unit="%")
-claim("hasty_at_new_aim", worse[~same_aim].max(), above=1, below=20, unit="%")
-claim("hasty_error", infinity.tracking_error(run.x).mean(), below=0.07, unit="m")
-
-# %% [markdown]
-# With the same aim as before, {claim}`sweeps_warm` sweeps instead of {claim}`sweeps_cold`: near the
-# end each doubles the digits, so that twice as many to begin with save one, here {claim}`saved`.
-# Just after a new aim the old plan leads to the wrong place, and the warm start saves
-# {claim}`saved_at_new_aim`.
-#
-# Who has no time for more makes a single sweep in each step: *real-time iteration*
-# {cite}`diehl2005`. With the same aim that costs {claim}`hasty_costs` more than the best plan, with
-# a new one {claim}`hasty_at_new_aim`, and the lap strays {claim}`hasty_error` from the path, not
-# {claim}`mean_error`.
-#
-# ### Horizon
-#
-# **Predict.** Plans of 2, 3, 4 or 20 steps: which of them bring the car around, and is 20 much
-# better than 10?
-
-# %%
-laps = {10: lap}
-for h in [2, 3, 4, 6, 20]:
-    laps[h] = infinity.drive(pp.MPC(car, Q, p, h, few.stepper), steps=50)
-off = {h: infinity.tracking_error(z.x).mean() for h, z in laps.items() if z.finished}
-
-
-def look_ahead(h):
-    fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.6), width_ratios=[1.6, 1])
-    plotting.plot_waypoints(plotting.infinity_axes(left, f"T = {h}"), W)
-    plotting.plot_states(left, laps[h].x)
-    right.plot(*zip(*sorted(off.items())), "o-", color=plotting.GREY)
-    right.axvline(h, ls="--")
-    right.set(xlabel="horizon T (steps)", ylabel="mean error (m)", ylim=(0, 0.03))
-    right.legend(["finished", "this horizon"], loc="lower right")
-    return fig
-
-
-display(widgets.panels(look_ahead, [2, 3, 4, 10, 20], "horizon (steps)"))
-claim("shortest_that_finishes", min(off), equals=4)
-claim("gain_by_doubling", off[10] - off[20], above=0, below=0.01, unit="m")
-
-# %% [markdown]
-# <details><summary>Answer</summary>
-#
-# From {claim}`shortest_that_finishes` on. With fewer, the car parks: a turn that only pays later
-# pays beyond the horizon. From 10 to 20 the mean error falls by {claim}`gain_by_doubling`, at twice
-# the work. And $T = 1$ does not move at all ({claim}`one_step_moves`). In {eq}`eq-3-cost` the sum
-# ends at $T - 1$: as in PyPose, the last state $x_T$ costs nothing, so the last input has nothing
-# to gain. A plan of $T$ steps decides $T - 1$ inputs.
-#
-# </details>
-#
-# ### Noise
-#
-# On the left a lap, on the right what the car was told to do. More noise, wilder inputs. In
-# JupyterLab, below the next sliders, you can set horizon and noise together.
-
-
-# %%
-def plot_inputs(ax, u):
-    for k, name in enumerate(["speed (m/s)", "turn rate (rad/s)"]):
-        ax.step(dt * torch.arange(len(u)), u[:, k], ["-", "--"][k], label=name)
-    ax.set(xlabel="time (s)", ylabel="input")
-    ax.legend(loc="upper left")
-
-
-def explore(q, horizon=10):
-    run = noisy_laps(0.3 if q else 0.1, q, pp.MPC(car, Q, p, horizon, few.stepper), 1)
-    fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.6), width_ratios=[1.6, 1])
-    error = infinity.tracking_error(run.x[0, :-1])[run.running[0]].mean()
-    title = f"mean error {error:.3f} m"
-    plotting.plot_waypoints(plotting.infinity_axes(left, title), W)
-    plotting.plot_states(left, run.x[0])
-    plot_inputs(right, run.u[0])
-    right.set(ylim=(-12, 20))
-    return fig
-
-
-display(widgets.panels(explore, [0.0, 0.05, 0.1, 0.163], "observation noise (m)"))
-
-# %% tags=["remove-cell"]
-widgets.live(
-    explore,
-    q=ipywidgets.FloatSlider(0.16, min=0.0, max=0.3, step=0.01, description="noise"),
-    horizon=ipywidgets.IntSlider(10, min=2, max=20, description="horizon"),
+styles = ["v:", "s-.", "^--", "o-"]
+for (count, guess), style, color in zip(four_sweeps, styles, colors):
+    label = f"after {count} sweeps" if count > 1 else "after 1 sweep"
+    ax.plot(*guess.x[:, :2].mT, style, ms=4, color=color, label=label)
+ax.plot(0, 0, "k*", ms=11, label="start, and the first guess")
+plotting.plot_waypoints(ax, waypoints[3:4], label="target")
+ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal", ylim=(-0.95, 0.1))
+ax.legend(loc="upper right")
+plotting.show(
+    fig,
+    "Plans from the start to the third waypoint after 1, 2, 3 and 16 sweeps. The "
+    "first guess stands still at the start; each plan ends nearer to the target.",
 )
 
+# %% tags=["claims"]
+ends = [(guess.x[-1] - waypoints[3])[:2].norm() for _, guess in four_sweeps]
+claim("planned_end", ends[-1], below=0.1, unit="m")
+claim("first_guess_end", (waypoints[0] - waypoints[3])[:2].norm(), above=1, unit="m")
+
 # %% [markdown]
-# ### The car has a speed limit
+# The first guess here is to stand still, {claim}`first_guess_end` away from the target. The last
+# plan ends {claim}`planned_end` from it. To get there we need three things: the LQR problem along a
+# guess, its solution, and care about how far to follow it.
+
+# %% [markdown]
+# ## Derived: the sweep of iterative LQR
 #
-# With noise the planner asks for up to {claim}`wildest_speed`. No small robot can do that. Let this
-# one drive forwards only, at 2 m/s at most, and turn by 1.5 rad/s at most: full speed is then too
-# fast for a circle of 1 m. One planner knows (`drive` hands it `u_lower` and `u_upper`). The other
-# plans as before, and somebody clips what it asks for. <!-- given: 2 m, 1.5 rad, 1 m -->
+# We look for the inputs $u_0, \dots, u_{T-1}$ with the least total cost
+#
+# $$
+# J = \sum_{t=0}^{T-1} \tfrac12 (z_t - r)^\top Q\, (z_t - r)
+# $$ (eq-3-cost)
+#
+# subject to $x_{t+1} = f(x_t, u_t)$. Here $z_t = [x_t, u_t]$ is state and input, and $r$ is the
+# target, with zeros for the inputs.
+#
+# **The problem along a guess.** Let $x_t, u_t$ be the guess, and $\delta x_t$, $\delta u_t$ small
+# changes of it. To first order they obey
+#
+# $$ \delta x_{t+1} = A_t\, \delta x_t + B_t\, \delta u_t = F_t\, \delta z_t $$ (eq-3-linear)
+#
+# with the Jacobians of chapter 1 and $F_t = [A_t \; B_t]$. So the changes have a *linear* system
+# and a quadratic cost, as in chapter 2. One thing is new. Away from the optimum the cost has a
+# slope: changing the guess a little makes it a little better or worse.
+#
+# **The solution.** By {term}`dynamic programming`, assume that we know what the future costs after
+# step $t$, as a function of the change of the next state, a bowl with curvature $V$ and slope $v$:
+#
+# $$ \tfrac12\, \delta x^\top V\, \delta x + v^\top \delta x $$ (eq-3-value)
+#
+# After the last step nothing more is paid, so $V = 0$ and $v = 0$ there. Insert
+# {eq}`eq-3-linear`. Step $t$ and its future together cost, as a function of $\delta z_t$, a
+# quadratic whose curvature and slope are
+#
+# $$
+# \begin{aligned}
+# H &= Q + F_t^\top V F_t \\
+# h &= Q\, (z_t - r) + F_t^\top v
+# \end{aligned}
+# $$ (eq-3-model)
+#
+# Split both into the part of the state and the part of the input: $H_{xx}$, $H_{ux}$, $H_{uu}$ and
+# $h_x$, $h_u$. For a given $\delta x$ the cost is least where its derivative with respect to
+# $\delta u$ vanishes, $H_{uu}\, \delta u + H_{ux}\, \delta x + h_u = 0$. Hence
+# $\delta u = k_t + K_t\, \delta x$ with
+#
+# $$
+# \begin{aligned}
+# k_t &= -H_{uu}^{-1} h_u \\
+# K_t &= -H_{uu}^{-1} H_{ux}
+# \end{aligned}
+# $$ (eq-3-gains)
+#
+# $K_t$ is the feedback that we know from chapter 2. $k_t$ is new: it is the change of the input
+# that improves the guess. Inserting $\delta u$ gives the bowl one step earlier,
+#
+# $$
+# \begin{aligned}
+# V &= H_{xx} + H_{ux}^\top K_t \\
+# v &= h_x + H_{ux}^\top k_t
+# \end{aligned}
+# $$ (eq-3-back)
+#
+# and so the recursion runs from the last step to the first.
+#
+# **Care.** The new plan drives the *real* model, not the linear one:
+#
+# $$
+# u_t^{\text{new}} = u_t + \alpha\, k_t + K_t\, (x_t^{\text{new}} - x_t)
+# $$ (eq-3-step)
+#
+# The linear model may promise too much if the change is large. So there is a step length
+# $0 < \alpha \le 1$: try $\alpha = 1$, then smaller ones, and keep the plan that really costs
+# least. This is a {term}`line search`. The cost then never rises from one sweep to the next.
+
+# %% [markdown]
+# ## From scratch: a planner in three functions
+#
+# First, what a plan costs, and how a new one is driven. The numbers are those of the equations.
+
 
 # %%
-low, high = torch.tensor([0.0, -1.5]), torch.tensor([2.0, 1.5])
-limits = {"u_lower": low, "u_upper": high}
+def cost_of(x, u, target):
+    away = torch.cat([x[:-1] - target, u], dim=-1)
+    return (away @ Q * away).sum() / 2  # (3.1)
+
+
+def follow(x, u, k, K, alpha):
+    """Returns states and inputs of a new plan, driven by the real model."""
+    x_new = [x[0]]
+    u_new = []
+    for t in range(len(u)):
+        change = alpha * k[t] + K[t] @ (x_new[t] - x[t])
+        u_new.append(u[t] + change)  # (3.7)
+        x_new.append(car.transition(x_new[t], u_new[t]))
+    return torch.stack(x_new), torch.stack(u_new)
+
+
+# %% [markdown]
+# Second, the recursion. It is chapter 2's with the slopes $h$, $v$ and $k$ added.
+
+
+# %%
+def backward(x, u, target):
+    """Returns k and K of all steps, from the linear model along a plan."""
+    A, B = car.linearize(x[:-1], u)[:2]
+    away = torch.cat([x[:-1] - target, u], dim=-1)
+    V = torch.zeros(4, 4)
+    v = torch.zeros(4)
+    k, K = [None] * len(u), [None] * len(u)
+    for t in reversed(range(len(u))):
+        F = torch.cat([A[t], B[t]], dim=-1)
+        H = Q + F.mT @ V @ F  # (3.4)
+        h = Q @ away[t] + F.mT @ v
+        Hux = H[4:, :4]
+        k[t] = -torch.linalg.solve(H[4:, 4:], h[4:])  # (3.5)
+        K[t] = -torch.linalg.solve(H[4:, 4:], Hux)
+        V = H[:4, :4] + Hux.mT @ K[t]  # (3.6)
+        v = h[:4] + Hux.mT @ k[t]
+    return k, K
+
+
+# %% [markdown]
+# Third, the sweep: linearise and solve, then search along the change.
+
+
+# %%
+def sweep(x, u, target):
+    """Returns a plan that costs no more than the one given."""
+    k, K = backward(x, u, target)
+    best = cost_of(x, u, target), x, u
+    for alpha in (1.0, 0.5, 0.25, 0.1):
+        x_new, u_new = follow(x, u, k, K, alpha)
+        cost = cost_of(x_new, u_new, target)
+        if cost < best[0]:
+            best = cost, x_new, u_new
+    return best
+
+
+# %%
+x = waypoints[0].expand(T + 1, 4)  # the first guess: stand still
+u = torch.zeros(T, 2)
+costs = [cost_of(x, u, waypoints[3])]
+for _ in range(16):
+    cost, x, u = sweep(x, u, waypoints[3])
+    costs.append(cost)
+costs = torch.stack(costs)
+print("cost of the guess:", costs[0].item())
+print("after 1 and 16 sweeps:", costs[1].item(), costs[16].item())
+
+# %% tags=["claims"]
+claim("never_rises", (costs.diff() <= 0).all(), equals=True)
+claim("first_cost", costs[0], above=10)
+claim("last_cost", costs[-1], below=5)
+
+# %% [markdown]
+# The cost falls from {claim}`first_cost` to {claim}`last_cost`, and never rises on the way.
+
+# %% [markdown]
+# ## The library's plan, and Newton's curvature
+#
+# `mpc.solve` does the same, and also says whether the plan has converged, after how many sweeps,
+# and what each of them cost.
+
+# %%
+solved = mpc.solve(dt, waypoints[0], waypoints[3])
+print("converged:", solved.converged.item())
+print("sweeps:", solved.iterations.item())
+print("largest difference to ours:", (solved.u - u).abs().max().item())
+
+# %% tags=["claims"]
+claim("same_plan", (solved.u - u).abs().max(), below=1e-6)
+
+# %% [markdown]
+# **Predict.** Each of our sweeps leaves a certain share of the gap to the best cost. When is the
+# library's gap below $10^{-10}$: as late as ours, some sweeps earlier, or several times earlier?
+
+# %% tags=["answer", "hide-input"]
+gaps = {"ours": costs - solved.cost, "library": solved.history - solved.cost}
+gaps = {name: gap.clamp(min=1e-16) for name, gap in gaps.items()}
+fig, ax = plt.subplots(figsize=(7, 3.2))
+ax.semilogy(gaps["ours"], "s--", ms=5, label="ours: Gauss-Newton")
+ax.semilogy(gaps["library"], "o-", ms=5, label="library: Newton near the end")
+ax.set(xlabel="sweep", ylabel="cost above the best")
+ax.legend()
+plotting.show(
+    fig,
+    "The cost above the best against the sweep, with a logarithmic axis. Ours falls "
+    "on a straight line, the library's bends down steeply.",
+)
+
+# %% tags=["answer", "claims"]
+share = (gaps["ours"][9] / gaps["ours"][5]) ** (1 / 4)
+claim("left_by_a_sweep", share, above=0.02, below=0.1)
+claim("sweeps_by_hand", (gaps["ours"] > 1e-10).sum(), below=16)
+claim("sweeps_of_library", (gaps["library"] > 1e-10).sum(), below=9)
+ratio = gaps["library"][6].log() / gaps["library"][5].log()
+claim("digits_grow", ratio, above=1.5, below=2.6)
+
+# %% [markdown] tags=["answer"]
+# Some sweeps earlier: {claim}`sweeps_of_library` instead of {claim}`sweeps_by_hand`. With the
+# logarithmic axis ours is a straight line: each sweep leaves about {claim}`left_by_a_sweep` of the
+# gap. That is *linear convergence*. Our $H$ knows the curvature of the cost but treats $f$ as
+# linear, which is the {term}`Gauss-Newton method`. Near the end the library adds the curvature of
+# $f$ to $H$, as {term}`Newton's method` does, and the number of correct digits grows by a factor
+# of about {claim}`digits_grow` in a sweep. Far from the solution that curvature may mislead, and
+# the library does without it, as we did.
+
+# %% [markdown]
+# With the curvature of $f$ in $H$, the sweep is known as {term}`differential dynamic programming`.
+# Here is the library's sweep, whole. You know its three parts.
+
+# %%
+Code(inspect.getsource(library.sweep), language="python")
+
+# %% [markdown]
+# `MPC.solve` calls it through `optimize` in `ilqr.py`, which repeats it until the next sweep would
+# change nothing. `riccati` is our `backward`; bounds are the topic of a later section. What
+# `at.damping` and `failed` are for is said in `verdict.py`: a sweep that kept too little of its
+# promise makes the next one more cautious.
+
+# %% [markdown]
+# ## The infinity, driven from waypoint to waypoint
+#
+# Now we close the loop. Two lines of it are the paper's, word for word: the noise, and the call of
+# `mpc`. A waypoint counts as reached when the car sees itself within a *tolerance* of it;
+# then the next one becomes the target.
+
+
+# %%
+def drive(noise, tolerance, steps=200):
+    x, y = [waypoints[0]], []
+    goal = 1
+    for i in range(steps):
+        y.append(car.observation(x[i], None))
+        v = noise * torch.randn(4)  # observation noise
+        if (y[i] + v - waypoints[goal])[:2].norm() <= tolerance:
+            goal = goal + 1
+        if goal == len(waypoints):
+            break
+        target = waypoints[goal]
+        xt, u, cost = mpc(dt, y[i] + v, target)
+        x.append(car.transition(x[i], u[0]))
+    return torch.stack(x)
+
+
+ideal = drive(noise=0.0, tolerance=0.1)
+
+# %% tags=["claims"]
+claim("same_lap", (ideal - lap.x).abs().max(), below=1e-8)
+claim("end_error", lap.x[-1, :2].norm(), below=0.1, unit="m")
+speeds = lap.u[:, 0]
+claim("fastest", speeds.max(), above=4, unit="m/s")
+claim("slowest", speeds.min(), below=1, unit="m/s")
+
+# %% [markdown]
+# `infinity.drive(mpc)` is the same loop for a batch of cars, and for robots. Below is the paper's
+# figure. In panel (b) sixteen cars see themselves with the book's noise: a standard deviation of
+# 0.163 on each component. With such observations a tolerance of 0.1 m would be too strict, so it is
+# 0.3 m, and each plan gets three sweeps: it need not be more exact than what it knows about the
+# car. <!-- given: 0.1 m, 0.3 m, three sweeps, sixteen cars -->
+
+# %% tags=["hide-input"]
+three_sweeps = pp.module.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=3))
+usual = infinity.OBSERVATION_NOISE
+
+
+def noisy_laps(noise=usual, controller=three_sweeps, cars=16):
+    generator = torch.Generator().manual_seed(0)
+    start = waypoints[0].expand(cars, 4)
+    disturbed = infinity.PROCESS_NOISE
+    world = infinity.SimulatedCar(car, start, disturbed, noise, generator)
+    return infinity.drive(controller, world, tolerance=0.3, steps=60)
+
+
+# %% tags=["hide-input"]
+noisy = noisy_laps()
+fig, (a, b) = plotting.stacked(2, height=2.7)
+for ax, title in [(a, "(a) ideal"), (b, "(b) with observation noise")]:
+    plotting.plot_waypoints(plotting.infinity_axes(ax, title), waypoints)
+b.plot(*noisy.x[1:].permute(2, 1, 0)[:2], color=plotting.GREY, lw=0.4)
+b.lines[0].set_label("15 other cars")
+plotting.plot_states(a, lap.x, label="car")
+plotting.plot_states(b, noisy.x[0], label="car")
+fig.legend(*b.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+plotting.show(
+    fig,
+    "The paper's figure 2. In panel (a) the car follows the infinity sign through "
+    "all waypoints. In panel (b) sixteen noisy cars fluctuate around it.",
+)
+
+# %% tags=["hide-input"]
+in_time = infinity.drive(three_sweeps, tolerance=0.3)
+runs = {"ideal, tolerance 0.1 m": lap, "ideal, tolerance 0.3 m": in_time}
+runs["16 with noise, tolerance 0.3 m"] = noisy
+rows = []
+means = {}
+for name, run in runs.items():
+    error = infinity.tracking_error(run.x[..., :-1, :])[run.running]
+    means[name] = error.mean()
+    count = run.steps.double().mean()
+    rows.append(f"{name} | {count:.0f} | {error.mean():.3f} | {error.max():.3f}")
+display(table("car | steps | mean error (m) | largest (m)", rows))
+
+# %% tags=["claims"]
+claim("mean_error", means["ideal, tolerance 0.1 m"], below=0.03, unit="m")
+claim("largest_error", infinity.tracking_error(lap.x).max(), below=0.1, unit="m")
+claim("all_finish", noisy.finished.all(), equals=True)
+seen_error = (noisy.y - noisy.x[:, :-1])[..., :2].norm(dim=-1)[noisy.running].mean()
+claim("raw_error", seen_error, equals=0.2045, within=0.01, unit="m", paper=0.2045)
+claim("wildest_speed", noisy.u[..., 0].abs().max(), above=6, unit="m/s")
+fluctuates = means["16 with noise, tolerance 0.3 m"] / means["ideal, tolerance 0.3 m"]
+claim("fluctuates", fluctuates, above=2)
+
+# %% [markdown]
+# The ideal car ends {claim}`end_error` from the centre. At its steps it is {claim}`mean_error` from
+# the path on average and {claim}`largest_error` at most. The dots bunch before every waypoint. The
+# cost weighs the distance to the target and hardly the speed, so the car rushes towards a new
+# target, at up to {claim}`fastest`, and slows down to {claim}`slowest` as it comes near.
+#
+# With noise all cars arrive as well, but the path *fluctuates*, in the paper's word: the mean error
+# is {claim}`fluctuates` times as large as without. The car sees itself {claim}`raw_error` from
+# where it is and believes it. We chose our noise so that this number is the paper's raw error,
+# which stands in a comment of the paper's source; it is calibrated, not reproduced. Chapter 4
+# takes the noise out.
+#
+# Move the slider to see a single lap with more noise, and what the car was told to do.
+
+
+# %% tags=["hide-input"]
+def plot_inputs(ax, u):
+    time = dt * torch.arange(len(u))
+    ax.step(time, u[:, 0], "-", label="speed (m/s)")
+    ax.step(time, u[:, 1], "--", label="turn rate (rad/s)")
+    ax.set(xlabel="time (s)", ylabel="input", ylim=(-12, 16))
+    ax.legend(loc="upper right", ncols=2)
+
+
+def one_lap(noise, horizon=10):
+    controller = pp.MPC(car, Q, p, horizon, three_sweeps.stepper)
+    run = noisy_laps(noise, controller, cars=1)
+    fig, (top, bottom) = plotting.stacked(2, height=2.5)
+    title = f"noise {noise} m, horizon {horizon}, tolerance 0.3 m"
+    plotting.plot_waypoints(plotting.infinity_axes(top, title), waypoints)
+    plotting.plot_states(top, run.x[0], label="car")
+    plot_inputs(bottom, run.u[0])
+    return fig
+
+
+# %% tags=["hide-input"]
+amounts = [0.0, 0.05, 0.1, 0.163]
+alt = "A lap of one car, and its inputs; with more noise both become wilder."
+display(widgets.panels(one_lap, amounts, "observation noise (m)", alt=alt))
+
+# %% tags=["remove-cell"]
+noise = ipywidgets.FloatSlider(0.16, min=0.0, max=0.3, step=0.01)
+noise.description = "noise (m)"
+horizon = ipywidgets.IntSlider(10, min=2, max=20, description="horizon")
+alt = "A lap of one car and its inputs, for the chosen noise and horizon."
+widgets.live(one_lap, alt=alt, noise=noise, horizon=horizon)
+
+# %% [markdown]
+# ### Warm start and real-time iteration
+#
+# The last plan, moved on by one step (`pp.shift`), is almost the plan of now: a much better first
+# guess than standing still. Beginning with it is called a {term}`warm start`.
+
+# %%
+moved_on = pp.shift(plans.u[:-1])
+warm = mpc.solve(dt, lap.x[1:-1], waypoints[lap.goal[1:]], u_init=moved_on)
+same_aim = lap.goal.diff() == 0
+sweeps_cold = plans.iterations[1:][same_aim].double().mean()
+sweeps_warm = warm.iterations[same_aim].double().mean()
+print("mean number of sweeps, cold:", sweeps_cold.item())
+print("mean number of sweeps, warm:", sweeps_warm.item())
+
+# %% tags=["claims"]
+claim("same_plans", (warm.u - plans.u[1:]).abs().max(), below=1e-6)
+claim("sweeps_cold", sweeps_cold, above=3, below=6)
+claim("sweeps_warm", sweeps_warm, below=4)
+one = pp.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=1))
+once = one.solve(dt, lap.x[1:-1], waypoints[lap.goal[1:]], u_init=moved_on)
+worse = 100 * (once.cost / warm.cost - 1)
+claim("once_same_aim", worse[same_aim].max(), below=0.001, unit="%")
+claim("once_new_aim", worse[~same_aim].max(), above=1, below=20, unit="%")
+once_lap = infinity.drive(one, steps=60)
+claim("once_error", infinity.tracking_error(once_lap.x).mean(), below=0.07, unit="m")
+
+# %% [markdown]
+# While the target stays the same, a warm start needs {claim}`sweeps_warm` sweeps on average, a cold
+# one {claim}`sweeps_cold`. If time is short, make a single sweep in each step:
+# {term}`real-time iteration` {cite}`diehl2005`. While the target stays the same, the plan then
+# costs at most {claim}`once_same_aim` more than the best one; after a new target it is
+# {claim}`once_new_aim`. A whole lap with single sweeps strays {claim}`once_error` from the path on
+# average, compared with {claim}`mean_error`.
+
+# %% [markdown]
+# ## How far to look: horizon and terminal cost
+#
+# **Predict.** Plans of 2, 3, 4 and 20 steps: which of them bring the car around?
+
+# %% tags=["answer", "hide-input"]
+laps = {10: lap}
+for horizon in [2, 3, 4, 5, 6, 8, 20]:
+    laps[horizon] = infinity.drive(pp.MPC(car, Q, p, horizon), steps=60)
+finished = {}
+for horizon in sorted(laps):
+    if laps[horizon].finished:
+        finished[horizon] = infinity.tracking_error(laps[horizon].x).max()
+
+
+# %% tags=["answer", "hide-input"]
+def look_ahead(horizon):
+    fig, (top, bottom) = plotting.stacked(2, height=2.5)
+    plotting.infinity_axes(top, f"horizon {horizon}")
+    plotting.plot_waypoints(top, waypoints)
+    plotting.plot_states(top, laps[horizon].x, label="car")
+    errors = finished.values()
+    bottom.plot(finished.keys(), errors, "o-", color=plotting.GREY, label="finished")
+    bottom.axvline(horizon, ls="--", label="this horizon")
+    bottom.set(xlabel="horizon (steps)", ylabel="largest error (m)", ylim=(0, 0.1))
+    bottom.legend(loc="lower right")
+    return fig
+
+
+alt = "A lap for each horizon, and the largest error against the horizon."
+display(widgets.panels(look_ahead, [2, 3, 4, 10, 20], "horizon (steps)", alt=alt))
+
+# %% tags=["answer", "claims"]
+claim("shortest", min(finished), equals=4)
+claim("error_4", finished[4], below=0.1, unit="m")
+claim("error_20", finished[20], below=0.07, unit="m")
+falls = torch.stack(list(finished.values())).diff()
+claim("longer_is_better", (falls < 0).all(), equals=True)
+one_step, _, _ = pp.MPC(car, Q, p, 1)(dt, waypoints[0], waypoints[1])
+claim("one_step_moves", (one_step - waypoints[0]).norm(), below=1e-9, unit="m")
+
+# %% [markdown] tags=["answer"]
+# Those of 4 and 20 steps: {claim}`shortest` is the shortest horizon that gets around. With a
+# shorter one the car parks, because a turn that pays off only later pays off beyond the horizon.
+# The largest error falls from {claim}`error_4` to {claim}`error_20` as the horizon grows. (The
+# *mean* error does not fall steadily, since it is not what the plans minimise: their cost knows the
+# next waypoint and nothing of the circles between.) <!-- given: 20 steps, 4 steps -->
+
+# %% [markdown]
+# Chapter 2 needed 24 steps until its gain had settled. The plan need not be that long: only its
+# first input is used, and it is renewed in every step. <!-- given: 24 steps -->
+#
+# In {eq}`eq-3-cost` the sum ends with step $T - 1$: as in PyPose, the state after the last step
+# costs nothing. So the last input has nothing to gain, and a plan of one step does not move at all.
+# The remedy is a {term}`terminal cost`, a weight $Q_f$ of the last state,
+#
+# $$ \tfrac12\, (x_T - r)^\top Q_f\, (x_T - r) $$ (eq-3-terminal)
+#
+# which stands for everything that comes after the horizon. In our recursion it is a single change:
+# $V = Q_f$ instead of $V = 0$ at the end, and $v$ likewise.
+
+# %%
+short = pp.MPC(car, Q, p, T=2, Qf=10 * Q[:4, :4])
+short_lap = infinity.drive(short, steps=60)
+print("finished:", short_lap.finished.item(), "steps:", short_lap.steps.item())
+
+# %% tags=["claims"]
+claim("short_finished", short_lap.finished, equals=True)
+claim("short_error", infinity.tracking_error(short_lap.x).max(), below=0.1, unit="m")
+claim("short_plain_finished", laps[2].finished, equals=False)
+
+# %% [markdown]
+# With ten times the weights of a step as terminal cost, even two steps are enough: the largest
+# error is {claim}`short_error`. In general the best choice is the cost-to-go that we do not know.
+# For a linear system it is the $P$ of `dlqr`, and a short plan with $Q_f = P$ equals the endless
+# one; the lab shows it. With constraints, a terminal cost together with a *terminal set* is what
+# proofs of stability rest on {cite}`rawlings2017`. And there is a warning: for a car with such
+# quadratic weights there are starts from which no horizon is long enough {cite}`mueller2017`.
+# <!-- given: ten times, two steps -->
+
+# %% [markdown]
+# ## A second system: the pendulum swings up
+#
+# The car is kind: it stops when we do nothing. A pendulum is not. It hangs at rest, shall stand
+# upright, and its motor is limited to 5 N m, about half of what would lift it directly. It has to
+# swing. <!-- given: 5 N m, half -->
+
+# %%
+pendulum = pp.Pendulum(dt=0.05)
+swing_Q = torch.diag(torch.tensor([1, 0.1, 0.01]))  # of angle, rate, torque
+hanging = torch.tensor([math.pi, 0.0])  # the angle is measured from upright
+nudge = torch.full((60, 1), 0.1)  # a first guess; without it nothing moves
+plain = pp.MPC(pendulum, swing_Q, None, T=60)
+farsighted = pp.MPC(pendulum, swing_Q, None, T=60, Qf=10 * swing_Q[:2, :2])
+plain_plan = plain.solve(0.05, hanging, None, nudge, u_lower=-5.0, u_upper=5.0)
+plan = farsighted.solve(0.05, hanging, None, nudge, u_lower=-5.0, u_upper=5.0)
+
+# %% tags=["hide-input"]
+time = 0.05 * torch.arange(61)
+fig, (top, bottom) = plotting.stacked(2, height=2.4)
+for result, style, name in [(plan, "-", "with"), (plain_plan, "--", "without")]:
+    top.plot(time, result.x[:, 0], style, label=f"{name} terminal cost")
+    bottom.step(time[:-1], result.u[:, 0], style, label=f"{name} terminal cost")
+top.axhline(0, color="black", lw=0.8, ls=":")
+top.set(ylabel="angle from upright (rad)", xlabel="time (s)")
+bottom.set(ylabel="torque (N m)", xlabel="time (s)")
+top.legend(loc="lower left")
+plotting.show(
+    fig,
+    "Angle and torque of two plans. With a terminal cost the pendulum swings up and "
+    "stands upright; without it, it swings a little and hangs.",
+)
+
+# %% tags=["claims"]
+claim("swing_converged", (plan.converged & plain_plan.converged).all(), equals=True)
+claim("swing_sweeps", plan.iterations, below=80)
+claim("swing_end", plan.x[-1, 0].abs(), below=0.4, unit="rad")
+claim("plain_end", plain_plan.x[-1, 0].abs(), above=1.5, unit="rad")
+squares = torch.cat([plan.x[:-1], plan.u], dim=-1).square()
+swing_cost = (squares @ swing_Q.diag()).sum() / 2
+claim("swing_cost", swing_cost, below=190)
+claim("plain_cost", plain_plan.cost, above=200)
+
+# %% [markdown]
+# With a terminal cost, {claim}`swing_sweeps` sweeps find the swing-up. Without it the planner
+# finds a plan that ends {claim}`plain_end` from upright, and that plan has converged, too: no small
+# change makes it cheaper. But a large one does. The steps of the swing-up cost
+# {claim}`swing_cost`, those of the other plan {claim}`plain_cost`. Iterative LQR finds a *local*
+# minimum, and which one depends on the first guess and on the cost.
+
+# %% [markdown]
+# ## Bounds, and how we know that a plan is optimal
+#
+# With noise, the planner asked for up to {claim}`wildest_speed`; even the ideal lap asks for
+# {claim}`fastest`. No small robot can do that. Let this one only drive forward, at 2 m/s at most,
+# and turn at 1.5 rad/s at most. One planner knows these bounds. Another one plans as before, and
+# its inputs are clipped afterwards. <!-- given: 2 m, 1.5 rad -->
+
+# %%
+lower = torch.tensor([0.0, -1.5])
+upper = torch.tensor([2.0, 1.5])
 
 
 def clipped(dt, x, target):
-    xt, u, cost = few(dt, x, target)
-    return xt, u.clamp(low, high), cost
+    xt, u, cost = three_sweeps(dt, x, target)
+    return xt, u.clamp(lower, upper), cost
 
 
-fig, panels = plt.subplots(2, 2, figsize=(7, 4.2), height_ratios=[1.5, 1])
-limited = [infinity.drive(few, steps=95, **limits), infinity.drive(clipped, steps=60)]
-for (top, bottom), title, run in zip(panels.T, ["knows", "clipped"], limited):
-    plotting.plot_waypoints(plotting.infinity_axes(top, title), W)
-    plotting.plot_states(top, run.x)
-    plot_inputs(bottom, run.u)
-    bottom.set(ylim=(-1.8, 5), yticks=[-1.5, 0, 2])
-plt.show()
-claim("knows_reached", limited[0].goal.max() - 1 + limited[0].finished, equals=16)
-claim("clipped_reached", limited[1].goal.max() - 1, below=16)
+knowing_lap = infinity.drive(three_sweeps, steps=95, u_lower=lower, u_upper=upper)
+clipped_lap = infinity.drive(clipped, steps=95)
+
+# %% tags=["hide-input"]
+fig, panels = plotting.stacked(2, height=2.5)
+both = [("knows its bounds", knowing_lap), ("clipped", clipped_lap)]
+for ax, (title, run) in zip(panels, both):
+    plotting.plot_waypoints(plotting.infinity_axes(ax, title), waypoints)
+    plotting.plot_states(ax, run.x, label="car")
+panels[0].legend(loc="lower left")
+plotting.show(
+    fig,
+    "Two laps with limited inputs. The planner that knows its bounds gets around; "
+    "the clipped one misses its turns and stops.",
+)
+
+# %% tags=["claims"]
+reached = knowing_lap.goal.max() - 1 + knowing_lap.finished
+claim("knows_reached", reached, equals=16)
+claim("clipped_reached", clipped_lap.goal.max() - 1, below=16)
 
 # %% [markdown]
-# Of 16 waypoints the planner that knows reaches {claim}`knows_reached`: it slows down where it has
-# to turn. The clipped one plans for a faster car, is late in every turn, and parks after
-# {claim}`clipped_reached`. Nothing warned us. In the sweep, an input that stands at its bound and
-# is pushed outward is held there and gets no feedback {cite}`tassa2014`; the others are free.
-
-# %% [markdown]
-# ## Break it
+# Of the 16 waypoints the planner that knows reaches {claim}`knows_reached`: it slows down where it
+# has to turn. The clipped one plans for a faster car, is late in every turn, and parks after
+# {claim}`clipped_reached`. No error message warned us. In the sweep, an input that stands at its
+# bound and is pushed outward is held there and gets no feedback; the others are free
+# {cite}`tassa2014`.
 #
-# **Wrong weights:** position and heading swapped, 0.3 and 1. **Short sight:** $T = 3$. **Strict
-# eyes:** the tolerance of 0.1 m, kept under noise. On the map, all three are laps that were not
-# finished. To tell them apart, plot the distance to the aim over time, and the waypoints reached
-# (on the right the mean of 16 cars).
-# <!-- given: 0.1 m, 0.3 -->
-
-# %%
-swapped = torch.diag(torch.tensor([0.3, 0.3, 1, 1, 0.01, 0.01]))
-still = infinity.drive(pp.MPC(car, swapped, p, T, few.stepper), steps=60)
-strict, names = noisy_laps(tolerance=0.1), ["right", "wrong weights", "short sight"]
-fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.8))
-for name, run, style in zip(names, [lap, still, laps[3]], ["-", "--", "-."]):
-    away = (run.x[:-1] - W[run.goal])[:, :2].norm(dim=-1)
-    left.plot(dt * torch.arange(len(away)), away, style, label=name)
-left.axhline(0.1, color="black", ls=":", label="tolerance")
-left.set(xlabel="time (s)", ylabel="distance to the aim (m)", ylim=(0, 1.25))
-left.legend(loc="upper center", ncols=2)
-for name, run, style in [("0.3 m", noisy, "-"), ("0.1 m", strict, "--")]:
-    stairs = (run.goal - 1).double().mean(0)
-    right.plot(dt * torch.arange(len(stairs)), stairs, style, label=name)
-right.set(xlabel="time (s)", ylabel="waypoints reached", yticks=[0, 4, 8, 12, 16])
-right.legend(title="tolerance")
-plt.show()
-claim("parked_at", (still.x[-1] - W[still.goal[-1]])[:2].norm(), above=0.1, unit="m")
-claim("strict_finished", strict.finished.sum(), below=16)
-chance = 1 - math.exp(-0.5 * (0.1 / infinity.OBSERVATION_NOISE) ** 2)
-claim("look_succeeds", 100 * chance, below=20, unit="%")
-
-# %% [markdown]
-# - **Wrong weights.** The saw tooth becomes a flat line, {claim}`parked_at` from the aim: parked.
-#   The car looks the right way and stands beside the point. To get there it would have to look
-#   away, and looking away is now too dear. The fix: weigh what you want to reach.
-# - **Short sight.** The same flat line, later. The fix: a longer horizon. But with quadratic prices
-#   alone no horizon is long enough for every start: for cars, a theorem {cite}`mueller2017`.
-# - **Strict eyes.** No flat line: the staircase climbs, but slowly. The car has arrived and does
-#   not see it. Even from the waypoint itself, only {claim}`look_succeeds` of all looks fall within
-#   the tolerance. After 60 steps, {claim}`strict_finished` of 16 cars have finished. The fix: a
-#   wider tolerance, or better eyes.
+# How can we know that a bounded plan is the best one, without a second solver? By its slope
+# $g = dJ/du$. A free input needs $g = 0$. An input at its bound may have a slope if going downhill,
+# the direction of $-g$, leads out of the box. These are the {term}`KKT conditions` of Karush, Kuhn
+# and Tucker, and for a box they fit in one line: a small step downhill, clipped, must lead nowhere.
 #
-# Two traps are in the call itself. `du` limits how much a *sweep* may change the inputs; it is no
-# limit on how fast they may change in *time*. And a horizon of $T$ steps ends with an input that
-# is always zero.
-
-# %%
-careful = mpc.solve(dt, W[0], W[3], du=0.5)
-claim("du_same_plan", (careful.u - solved.u).abs().max(), below=1e-6)
-claim("du_sweeps", careful.iterations, above=15)
-claim("du_jump", careful.u.diff(dim=0).abs().max(), above=2)
-one_step, _, _ = pp.MPC(car, Q, p, 1)(dt, W[0], W[1])
-claim("one_step_moves", (one_step - W[0]).norm(), below=1e-9, unit="m")
-claim("last_input", plans.u[:, -1].abs().max(), below=1e-9)
-
-# %% [markdown]
-# With `du=0.5` the plan is the same, after {claim}`du_sweeps` sweeps, and still jumps by
-# {claim}`du_jump` from one step to the next. A cautious step helps only where the first guess is
-# bad.
-
-# %% [markdown]
-# ## Verify
-#
-# How do we know that a plan is optimal, without a second solver? By the slope $g = dJ/du$. A free
-# input needs $g = 0$; one at its bound may have a slope, if it points out of the box. These are the
-# conditions of Karush, Kuhn and Tucker, *KKT*, and for a box they fit in one line: a small step
-# downhill, clipped, must lead nowhere.
-#
-# $$ \text{clip}(u - g,\; u_{\text{lower}},\; u_{\text{upper}}) - u = 0 $$ (eq-3-kkt)
+# $$ \text{clip}(u - g,\, u_{\min},\, u_{\max}) - u = 0 $$ (eq-3-kkt)
 
 
 # %%
-def kkt(u, target, low=-math.inf, high=math.inf):
+def kkt_residual(u, target, lower, upper):
     u = u.detach().requires_grad_()
-    x, _ = follow(W[:1].expand(T + 1, 4), u, torch.zeros(T, 2, 5), step=0)
-    (slope,) = torch.autograd.grad(price(x, u, target), u)
-    return ((u - slope).clamp(low, high) - u).abs().max()
+    states = [waypoints[0]]
+    for t in range(T):
+        states.append(car.transition(states[t], u[t]))
+    cost = cost_of(torch.stack(states), u, target)
+    (slope,) = torch.autograd.grad(cost, u)
+    return ((u - slope).clamp(lower, upper) - u).abs().max()
 
 
-bounded = mpc.solve(dt, W[0], W[1], u_lower=low, u_upper=high)
-claim("kkt_free", kkt(solved.u, W[3]), below=1e-6)
-claim("kkt_bounded", kkt(bounded.u, W[1], low, high), below=1e-6)
-claim("at_bounds", ((bounded.u == low) | (bounded.u == high)).sum(), above=0)
-claim("kkt_clipped", kkt(solved.u.clamp(low, high), W[3], low, high), above=0.01)
-claim("histories_fall", (plans.history.diff(dim=0) <= 1e-12).all(), equals=True)
-lost = mpc.solve(dt, W[0], W[4])
-nudged = mpc.solve(dt, W[0], W[4], u_init=torch.full((T, 2), 0.1))
-claim("kkt_lost", kkt(lost.u, W[4]), below=1e-6)
-claim("lost_moves", (lost.x - W[0]).abs().max(), below=1e-6, unit="m")
+bounded = mpc.solve(dt, waypoints[0], waypoints[1], u_lower=lower, u_upper=upper)
+cut = mpc.solve(dt, waypoints[0], waypoints[1]).u.clamp(lower, upper)
+print("bounded plan:", kkt_residual(bounded.u, waypoints[1], lower, upper).item())
+print("clipped plan:", kkt_residual(cut, waypoints[1], lower, upper).item())
+
+# %% tags=["claims"]
+claim("kkt_bounded", kkt_residual(bounded.u, waypoints[1], lower, upper), below=1e-6)
+claim("kkt_clipped", kkt_residual(cut, waypoints[1], lower, upper), above=0.01)
+claim("at_bounds", ((bounded.u == lower) | (bounded.u == upper)).sum(), above=0)
+infinite = torch.full((2,), math.inf)
+lost = mpc.solve(dt, waypoints[0], waypoints[4])
+nudged = mpc.solve(dt, waypoints[0], waypoints[4], u_init=torch.full((T, 2), 0.1))
+claim("kkt_lost", kkt_residual(lost.u, waypoints[4], -infinite, infinite), below=1e-6)
+claim("lost_moves", (lost.x - waypoints[0]).abs().max(), below=1e-6, unit="m")
 claim("nudged_cost", nudged.cost / lost.cost, below=0.5)
-ends = [W[k].clone().requires_grad_() for k in (0, 1)]
-claim("gradcheck", gradcheck(partial(pp.MPC(car, Q, p, 3), dt), ends), equals=True)
 
 # %% [markdown]
-# The library's plans pass, free and bounded ({claim}`at_bounds` of 20 inputs at a bound); the free
-# plan, clipped, does not. But see `lost`: the fourth waypoint lies exactly to the side, facing
-# backwards. The plan *stands still*, has converged, and passes. A nudge finds one with
-# {claim}`nudged_cost` of the cost. KKT sees slopes: it tells a flat place from a slope, not a
-# valley from a ridge, nor the deepest valley from another. That the cost never rises finds a broken
-# line search, and nothing else. `gradcheck` compares the derivatives of a plan with differences,
-# which is for the next section. Equality with ours finds a slip that only one of us made.
+# The bounded plan passes, with {claim}`at_bounds` of its 20 inputs at a bound; the clipped one does
+# not. But the test sees only slopes. Ask for a plan from the start to the fourth waypoint, which
+# lies exactly to the side and faces backwards: the planner *stands still*, converges, and passes.
+# A nudge as first guess finds a plan with {claim}`nudged_cost` of its cost. KKT tells a flat place
+# from a slope. It does not tell a valley from a ridge, nor the deepest valley from another.
 
 # %% [markdown]
-# ## Differentiate through it
+# ## Where this method stands
 #
-# A plan is a function of everything that went into it. How does its first turn rate change if the
-# wheels slip a little more? At the optimum $g(u, \theta) = 0$, whatever the parameter $\theta$ is.
-# Differentiate that: with $J_{uu} = dg/du$, the curvature of the whole cost in all inputs,
-#
-# $$ \frac{du}{d\theta} = -J_{uu}^{-1}\, \frac{\partial g}{\partial \theta} $$ (eq-3-implicit)
-#
-# This is the implicit function theorem {cite}`amos2018`. One more Riccati sweep solves it, and no
-# iteration needs to be remembered (`pypose_lite/implicit.py`).
-#
-# Now watch a driver, one lap. They know how much their wheels slip; we see only what they did, with
-# some noise. What slip do they plan with? Guess, plan, compare, go downhill.
-
-# %%
-driver = pp.DubinsCar(dt, slip=0.2)
-shown = infinity.drive(infinity.controller(driver), driver)
-noise = 0.05 * torch.randn(shown.u.shape, generator=torch.Generator().manual_seed(0))
-
-
-def plan_with(slip):
-    return pp.MPC(pp.DubinsCar(dt, slip), Q, p, T)(dt, shown.x[:-1], W[shown.goal])[1]
-
-
-slip, h = torch.zeros((), requires_grad=True), 1e-5
-(exact,) = torch.autograd.grad(plan_with(slip)[0, 0, 1], slip)
-central = (plan_with(slip + h) - plan_with(slip - h))[0, 0, 1] / (2 * h)
-claim("gradient_error", (exact / central - 1).abs().detach(), below=1e-6)
-for _ in range(12):
-    loss = (plan_with(slip)[:, 0] - shown.u - noise).square().mean()
-    slip = (slip - 0.1 * torch.autograd.grad(loss, slip)[0]).detach().requires_grad_()
-    print(f"{slip.item():.3f}", end=" ")
-claim("slip_learned", slip.detach(), equals=0.2, within=0.01)
-
-# %% [markdown]
-# The gradient equals central differences to {claim}`gradient_error`, and the slip comes out as
-# {claim}`slip_learned`, where 0.2 is true. We never saw the wheels: only decisions. Chapter 8 does
-# this through the whole loop. <!-- given: 0.2 -->
-
-# %% [markdown]
-# ## On the robot
-#
-# The same call, with a simulated Unitree Go1 in the car's place. Its trot has a speed limit, so the
-# planner gets one. The dog's legs answer late, of which the plan knows nothing, and its waypoints
-# count at 0.15 m. Nothing in this book was tried on a real robot. <!-- given: 0.15 m -->
-
-# %%
-trot = torch.tensor([1.2, 1.5])  # m/s, rad/s
-limits = {"u_lower": low, "u_upper": trot}
-with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as robot:
-    walk = infinity.drive(few, robot=robot, tolerance=0.15, **limits)
-fig, ax = plt.subplots(figsize=(7, 3.4))
-plotting.plot_waypoints(plotting.infinity_axes(ax), W)
-plotting.plot_states(ax, walk.x, label="the dog, as it says")
-ax.set_ylim(-1.4, 1.8)
-ax.legend(loc="upper center", ncols=2)
-plt.show()
-claim("dog_finished", walk.finished, equals=True)
-claim("dog_error", infinity.tracking_error(walk.x).mean(), below=0.06, unit="m")
-claim("dog_time", dt * walk.steps, below=15, unit="s")
-
-# %% [markdown]
-# In {claim}`dog_time` the dog walks the paper's experiment, {claim}`dog_error` from the path on
-# average. A plan that is renewed ten times a second forgives a model without legs. Chapter 9 looks
-# at what it does not forgive.
+# iLQR is one of several ways to solve the planning problem. It treats the inputs as unknowns and
+# lets the model compute the states, a *single shooting* method, and its time grows only linearly
+# with the horizon. It handles bounds of inputs well and has no place for constraints on states,
+# such as walls. {term}`Collocation` {cite}`rawlings2017` makes states and inputs unknowns side by
+# side, with the model as a constraint. A general solver then also accepts walls and obstacles, and
+# guesses of states. For linear models with linear constraints the problem is a quadratic programme,
+# for which there are special solvers.
 
 # %% [markdown]
 # ## Summary
 #
-# - Iterative LQR makes the car linear along its plan, solves, drives, and repeats. Ours agrees with
-#   the library's to {claim}`same_plan`; Newton's curvature needs {claim}`sweeps_of_library` sweeps
-#   where ours needs {claim}`sweeps_by_hand`.
-# - The loop of this chapter visits {claim}`visited` waypoints and strays {claim}`mean_error` on
-#   average, {claim}`largest_error` at most. A horizon of {claim}`shortest_that_finishes` steps is
-#   the shortest that gets around.
-# - Noise makes the error {claim}`fluctuates` times as large.
-# - Bounds belong into the plan: {claim}`knows_reached` waypoints against {claim}`clipped_reached`.
-#   KKT shows it: {claim}`kkt_bounded` against {claim}`kkt_clipped`.
-# - From a driver's decisions alone, the slip of their wheels: {claim}`slip_learned`.
+# 1. MPC plans $T$ steps ahead, takes the first, and plans again; with it the car visits
+#    {claim}`visited` waypoints and strays {claim}`mean_error` on average, {claim}`largest_error` at
+#    most.
+# 2. Iterative LQR linearises along a guess, solves backward for $k$ and $K$, and searches along the
+#    change; ours needs {claim}`sweeps_by_hand` sweeps, with Newton's curvature it is
+#    {claim}`sweeps_of_library`.
+# 3. A horizon of {claim}`shortest` steps is the shortest that gets around; a terminal cost stands
+#    for what lies beyond it.
+# 4. Bounds belong in the plan: {claim}`knows_reached` waypoints against {claim}`clipped_reached`;
+#    the KKT residual tells them apart, {claim}`kkt_bounded` against {claim}`kkt_clipped`.
+# 5. Noise makes the error {claim}`fluctuates` times as large; a plan is a local minimum, and
+#    where one is found depends on the first guess.
 #
 # | | paper | here |
 # |:--|:--|:--|
 # | ideal, Fig. 2 (a) | visits 17 waypoints in order | {claim}`visited`, in order |
 # | noise, Fig. 2 (b) | "fluctuates", no number | error times {claim}`fluctuates` |
-# | raw observation | 0.2045 m | {claim}`raw_error` |
+# | raw observation | 0.2045 m, in a comment | {claim}`raw_error`, calibrated |
 #
 # <!-- given: 0.2045 m -->
 #
 # **What differs from PyPose.** In PyPose 0.9.5 the third argument of the call is a first guess of
 # the inputs; the paper's call with a target runs as printed only here. There `u_lower`, `u_upper`
-# and `du` are accepted and not used, sweeps have no line search, and the gradient is that of one
-# more Gauss-Newton sweep.
+# and `du` are accepted and not used, sweeps have no line search, and there is no terminal cost.
 #
-# **Further reading.** Rawlings, Mayne and Diehl {cite}`rawlings2017`, chapters 1 and 8; Tassa,
-# Mansard and Todorov {cite}`tassa2014` on bounds; `sweeps.py` and `ilqr.py` of the library.
+# **Words of this chapter.** {term}`Model predictive control`, {term}`receding horizon`,
+# {term}`iterative LQR <iLQR>`, {term}`Gauss-Newton method`, {term}`Newton's method`,
+# {term}`differential dynamic programming`, {term}`line search`, {term}`warm start`,
+# {term}`real-time iteration`, {term}`terminal cost`, {term}`KKT conditions`.
 #
-# Next: chapter 4 gives the car better eyes.
+# **Further reading.** Rawlings, Mayne and Diehl {cite}`rawlings2017`, chapters 1 and 8, for the
+# theory; Tassa, Mansard and Todorov {cite}`tassa2014` for bounds; Müller and Worthmann
+# {cite}`mueller2017` for cars and terminal costs.
+#
+# **In [the lab](../exercises/03_mpc.py)** you write a line search, test whether given plans are
+# optimal, find out which of three faults stopped a car, learn the slip of a driver's wheels by the
+# gradient of a plan, and walk the simulated Go1 with the loop of this chapter.

@@ -18,7 +18,7 @@
 # it does shows only minutes later. Since the 1970s such plants have been run by one simple idea:
 # predict with a model, plan a short way ahead, carry out the first step of the plan, look again,
 # and plan anew. The same idea now places the feet of walking robots and lands rockets. It is called
-# {term}`model predictive control`, MPC, and in this chapter the car uses it to drive the infinity
+# {term}`model predictive control <MPC>`, MPC. In this chapter the car uses it to drive the infinity
 # by itself.
 #
 # After this chapter you can
@@ -130,7 +130,7 @@ fig, panels = plotting.stacked(2, height=2.5)
 for ax, (name, run) in zip(panels, stuck.items()):
     plotting.plot_waypoints(plotting.infinity_axes(ax, name), waypoints)
     plotting.plot_states(ax, run.x, label="car")
-panels[0].legend(loc="lower left")
+fig.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 plotting.show(fig, "Two maps: with one gain and with one sweep the car stops early.")
 
 # %% tags=["answer", "claims"]
@@ -251,7 +251,10 @@ claim("first_guess_end", (waypoints[0] - waypoints[3])[:2].norm(), above=1, unit
 # **Care.** The new plan drives the *real* model, not the linear one:
 #
 # $$
-# u_t^{\text{new}} = u_t + \alpha\, k_t + K_t\, (x_t^{\text{new}} - x_t)
+# \begin{aligned}
+# u_t^{\text{new}} &= u_t + \alpha\, k_t \\
+# & \quad + K_t\, (x_t^{\text{new}} - x_t)
+# \end{aligned}
 # $$ (eq-3-step)
 #
 # The linear model may promise too much if the change is large. So there is a step length
@@ -445,8 +448,10 @@ claim("slowest", speeds.min(), below=1, unit="m/s")
 # 0.3 m, and each plan gets three sweeps: it need not be more exact than what it knows about the
 # car. <!-- given: 0.1 m, 0.3 m, three sweeps, sixteen cars -->
 
-# %% tags=["hide-input"]
+# %%
 three_sweeps = pp.module.MPC(car, Q, p, T, pp.utils.ReduceToBason(steps=3))
+
+# %% tags=["hide-input"]
 usual = infinity.OBSERVATION_NOISE
 
 
@@ -474,7 +479,7 @@ plotting.show(
     "all waypoints. In panel (b) sixteen noisy cars fluctuate around it.",
 )
 
-# %% tags=["hide-input"]
+# %% tags=["hide-input"] mystnb={"markdown_format": "myst"}
 in_time = infinity.drive(three_sweeps, tolerance=0.3)
 runs = {"ideal, tolerance 0.1 m": lap, "ideal, tolerance 0.3 m": in_time}
 runs["16 with noise, tolerance 0.3 m"] = noisy
@@ -604,6 +609,7 @@ def look_ahead(horizon):
     bottom.plot(finished.keys(), errors, "o-", color=plotting.GREY, label="finished")
     bottom.axvline(horizon, ls="--", label="this horizon")
     bottom.set(xlabel="horizon (steps)", ylabel="largest error (m)", ylim=(0, 0.1))
+    bottom.set_xticks(range(2, 21, 2))
     bottom.legend(loc="lower right")
     return fig
 
@@ -736,7 +742,7 @@ both = [("knows its bounds", knowing_lap), ("clipped", clipped_lap)]
 for ax, (title, run) in zip(panels, both):
     plotting.plot_waypoints(plotting.infinity_axes(ax, title), waypoints)
     plotting.plot_states(ax, run.x, label="car")
-panels[0].legend(loc="lower left")
+fig.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 plotting.show(
     fig,
     "Two laps with limited inputs. The planner that knows its bounds gets around; "
@@ -836,7 +842,7 @@ claim("nudged_cost", nudged.cost / lost.cost, below=0.5)
 # the inputs; the paper's call with a target runs as printed only here. There `u_lower`, `u_upper`
 # and `du` are accepted and not used, sweeps have no line search, and there is no terminal cost.
 #
-# **Words of this chapter.** {term}`Model predictive control`, {term}`receding horizon`,
+# **Words of this chapter.** {term}`Model predictive control <MPC>`, {term}`receding horizon`,
 # {term}`iterative LQR <iLQR>`, {term}`Gauss-Newton method`, {term}`Newton's method`,
 # {term}`differential dynamic programming`, {term}`line search`, {term}`warm start`,
 # {term}`real-time iteration`, {term}`terminal cost`, {term}`KKT conditions`.

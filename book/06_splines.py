@@ -721,8 +721,7 @@ claim("dog_finished", walk.finished, equals=True)
 claim("dog_error", off(walk.x).mean(), below=0.04, unit="m")
 
 # %% [markdown]
-# The dog merges, too, and strays {claim}`dog_error` on average, its start included. Aiming at
-# waypoints, from a start *on* the path, it was {claim}`03_mpc.dog_error`.
+# The dog merges, too, and strays {claim}`dog_error` on average, its start included.
 
 # %% [markdown]
 # ## Summary

@@ -20,7 +20,7 @@ THIRD = "the third argument"
 OF_A_BATCH = re.compile(
     "too many indices|iteration over a 0-d|Dimension out of range|invalid index of a 0-dim|"
     "tuple index out of range|not enough values to unpack|must be a (2|3|matrix)|"
-    "only supported on matrices"
+    "only supported on matrices|dimension 0 with size 0"
 )
 _KNOWN = {bound: weakref.WeakKeyDictionary[Callable, str | None]() for bound in (True, False)}
 
@@ -105,9 +105,12 @@ def _time_argument(function: Callable, whose: str) -> str | None:
 
 def _signature(function: Callable) -> inspect.Signature:
     """Returns what a function takes; of a decorator's ``*args``, what the function inside takes."""
-    own = inspect.signature(function, follow_wrapped=False)
-    open_ended = any(p.kind == p.VAR_POSITIONAL for p in own.parameters.values())
-    return inspect.signature(function) if open_ended else own
+    if hasattr(function, "__wrapped__"):
+        wrapper = getattr(function, "__func__", function)
+        code = getattr(wrapper, "__code__", None)
+        if code is not None and not code.co_flags & inspect.CO_VARARGS:
+            return inspect.signature(function, follow_wrapped=False)
+    return inspect.signature(function)
 
 
 def _whose(system: nn.Module, name: str) -> str:

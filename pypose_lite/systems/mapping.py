@@ -71,8 +71,7 @@ def _over_rows(one: Callable, x: Tensor, u: Tensor, t: Tensor, looped: Callable)
     if t.ndim:
         return _one_time_after_the_other(one, x, u, t, looped)
     y = torch.stack([one(*row, t) for row in zip(x, u)])
-    if len(y) > 1:
-        looped(reason)
+    looped(reason)
     return y
 
 

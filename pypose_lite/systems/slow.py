@@ -1,5 +1,6 @@
 """The warning of a function that has to be called for one member of a batch after the other."""
 
+import os
 import traceback
 import warnings
 import weakref
@@ -16,7 +17,9 @@ REASONS = {
     "data pointer": "it takes numbers out of torch, which leaves no derivative either",
     "dynamic shape": "the size of what it picks depends on numbers",
 }
-LIBRARIES = tuple(str(Path(file).parents[n]) for file, n in ((torch.__file__, 0), (__file__, 1)))
+LIBRARIES = tuple(
+    f"{Path(file).parents[n]}{os.sep}" for file, n in ((torch.__file__, 0), (__file__, 1))
+)
 _told: weakref.WeakSet[Callable] = weakref.WeakSet()
 
 

@@ -42,13 +42,12 @@ SMOOTH = {
 }
 
 
-def system(function, vectorized=False):
+def system(function):
     """Its third component is the function of the first two."""
 
     class Kinked(pp.NLS):
         def state_transition(self, state, input, t):
-            x = state.unbind(-1)[:2] if vectorized else state[:2]
-            return torch.cat([state[..., :2] + input, function(x)[..., None]], -1)
+            return torch.cat([state[:2] + input, function(state[:2])[None]])
 
         def observation(self, state, input, t):
             return torch.cat([state, function(state[:2])[None]])

@@ -185,6 +185,7 @@ def scaled(gain, state, input, t=5.0):
         (decorated_with_arguments_of_its_own(lambda x, u, t: 3 * x + u * t), 7),
         (functools.cache(lambda x, u, t: 3 * x + u * t), 4),
     ],
+    ids=["partial", "fixed time", "lambda", "timed", "wrapped", "other arguments", "cached"],
 )
 def test_partials_lambdas_and_callables_work(function, steps, g):
     x, u = draw(g, 2), draw(g, 2)
@@ -243,7 +244,7 @@ def keyword_without_default(state, input, *, gain):
         (decorated_without_wraps(timed), r"\(\*args\); a decorator says by functools.wraps what"),
         (torch.nn.Linear(2, 2), r"\(input: torch.Tensor\)"),
     ],
-    ids=str,
+    ids=lambda value: value if isinstance(value, str) else type(value).__name__,
 )
 def test_a_function_with_other_arguments_is_refused_by_name(function, got, g):
     words = (

@@ -63,9 +63,15 @@ car = pp.DubinsCar(dt)
 waypoints = infinity.waypoints()
 mpc = pp.module.MPC(car, Q, p, T)
 
-# %% tags=["hide-input"]
+# %% [markdown]
+# This drives one lap, and then makes all the plans of the lap once more, in one batch, so that we
+# can look at them:
+
+# %%
 lap = infinity.drive(mpc)
-plans = mpc.solve(dt, lap.x[:-1], waypoints[lap.goal])  # all plans, in one batch
+plans = mpc.solve(dt, lap.x[:-1], waypoints[lap.goal])
+
+# %% tags=["hide-input"]
 fig, ax = plt.subplots(figsize=(7, 4.3))
 plotting.plot_waypoints(plotting.infinity_axes(ax), waypoints)
 [way] = plotting.plot_states(ax, lap.x[:1], label="car")
@@ -130,7 +136,8 @@ fig, panels = plotting.stacked(2, height=2.5)
 for ax, (name, run) in zip(panels, stuck.items()):
     plotting.plot_waypoints(plotting.infinity_axes(ax, name), waypoints)
     plotting.plot_states(ax, run.x, label="car")
-fig.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+handles, labels = panels[0].get_legend_handles_labels()
+fig.legend(handles, labels, loc="outside lower center", ncols=2)
 plotting.show(fig, "Two maps: with one gain and with one sweep the car stops early.")
 
 # %% tags=["answer", "claims"]
@@ -144,7 +151,7 @@ claim("one_sweep_reached", stuck["one_sweep"].goal.max() - 1, below=16)
 # changes no position, and a small drive changes only the position ahead. That turning *now* helps
 # driving *later* is a product of two changes, and a linear model has no products. Beside a waypoint
 # that it already faces in the right direction, such a car has no reason to move: chapter 1 called
-# it parked.
+# it parked. <!-- given: 16 waypoints -->
 
 # %% [markdown]
 # ## The idea: linear along a guess
@@ -295,7 +302,8 @@ def backward(x, u, target):
     away = torch.cat([x[:-1] - target, u], dim=-1)
     V = torch.zeros(4, 4)
     v = torch.zeros(4)
-    k, K = [None] * len(u), [None] * len(u)
+    k = [None] * len(u)
+    K = [None] * len(u)
     for t in reversed(range(len(u))):
         F = torch.cat([A[t], B[t]], dim=-1)
         H = Q + F.mT @ V @ F  # (3.4)
@@ -417,7 +425,8 @@ Code(inspect.getsource(library.sweep), language="python")
 
 # %%
 def drive(noise, tolerance, steps=200):
-    x, y = [waypoints[0]], []
+    x = [waypoints[0]]
+    y = []
     goal = 1
     for i in range(steps):
         y.append(car.observation(x[i], None))
@@ -588,6 +597,7 @@ claim("once_error", infinity.tracking_error(once_lap.x).mean(), below=0.07, unit
 # ## How far to look: horizon and terminal cost
 #
 # **Predict.** Plans of 2, 3, 4 and 20 steps: which of them bring the car around?
+# <!-- given: 20 steps -->
 
 # %% tags=["answer", "hide-input"]
 laps = {10: lap}
@@ -631,7 +641,7 @@ claim("one_step_moves", (one_step - waypoints[0]).norm(), below=1e-9, unit="m")
 # shorter one the car parks, because a turn that pays off only later pays off beyond the horizon.
 # The largest error falls from {claim}`error_4` to {claim}`error_20` as the horizon grows. (The
 # *mean* error does not fall steadily, since it is not what the plans minimise: their cost knows the
-# next waypoint and nothing of the circles between.) <!-- given: 20 steps, 4 steps -->
+# next waypoint and nothing of the circles between.) <!-- given: 20 steps -->
 
 # %% [markdown]
 # Chapter 2 needed 24 steps until its gain had settled. The plan need not be that long: only its
@@ -742,7 +752,8 @@ both = [("knows its bounds", knowing_lap), ("clipped", clipped_lap)]
 for ax, (title, run) in zip(panels, both):
     plotting.plot_waypoints(plotting.infinity_axes(ax, title), waypoints)
     plotting.plot_states(ax, run.x, label="car")
-fig.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+handles, labels = panels[0].get_legend_handles_labels()
+fig.legend(handles, labels, loc="outside lower center", ncols=2)
 plotting.show(
     fig,
     "Two laps with limited inputs. The planner that knows its bounds gets around; "
@@ -755,6 +766,7 @@ claim("knows_reached", reached, equals=16)
 claim("clipped_reached", clipped_lap.goal.max() - 1, below=16)
 
 # %% [markdown]
+# <!-- given: 16 waypoints -->
 # Of the 16 waypoints the planner that knows reaches {claim}`knows_reached`: it slows down where it
 # has to turn. The clipped one plans for a faster car, is late in every turn, and parks after
 # {claim}`clipped_reached`. No error message warned us. In the sweep, an input that stands at its

@@ -1,153 +1,248 @@
-"""Compiled sweeps lead to the plans of those in Python, or say why they cannot."""
+"""Compiled plans are the core's, sweep by sweep, or it is said why there are none."""
 
-import contextlib
-import shutil
+import copy
+import pickle
+import subprocess
+import sys
+import warnings
 
 import pytest
 import torch
-from oracles import Clockwork, close, draw, weights
+from oracles import Affine, Clockwork, close, draw, matrices, weights
 
 import pypose_lite as pp
 from pypose_lite import infinity
-from pypose_lite.compiled.sweep import improve as fused
-from pypose_lite.control.ilqr import improve
+from pypose_lite.compiled import library, program
 
-pytestmark = [
-    pytest.mark.usefixtures("float64"),
-    pytest.mark.skipif(shutil.which("g++") is None, reason="torch compiles with g++: none here"),
-    pytest.mark.filterwarnings("ignore::FutureWarning"),
-]
-
-
-def compiled(mpc):
-    mpc.compile()
-    return mpc
+pytestmark = pytest.mark.usefixtures("float64", "compiler")
 
 
 @pytest.fixture
-def once():
+def compiler():
+    try:
+        library.compiler()
+    except RuntimeError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def once(monkeypatch):
     """Makes another compilation an error, from when it is called on."""
-    with contextlib.ExitStack() as stack:
-        no_more = torch._dynamo.config.patch(error_on_recompile=True)
-        yield lambda: stack.enter_context(no_more)
+
+    def refuse(text, what):
+        raise AssertionError(f"compiled again: {what}")
+
+    return lambda: monkeypatch.setattr(program, "load", refuse)
+
+
+def pair(system, *args, **kwargs):
+    """Two controllers of a system, of which the second is compiled."""
+    slow, fast = (pp.MPC(system, *args, **kwargs) for _ in range(2))
+    fast.compile()
+    return slow, fast
+
+
+def same_plans(pair, *args, tolerance=1e-8, **kwargs):
+    """Returns the compiled plan, having held it to the core's, sweep by sweep."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*converged.*")
+        slow, fast = (mpc.solve(*args, **kwargs) for mpc in pair)
+    assert torch.equal(fast.iterations, slow.iterations)
+    assert torch.equal(fast.converged, slow.converged)
+    size = slow.u.abs().amax().clamp(min=1)
+    close(fast.u / size, slow.u / size, tolerance)
+    close(fast.x, slow.x, tolerance * (1 + slow.x.abs().amax().item()))
+    close(fast.history, slow.history, tolerance * (1 + slow.history.abs().amax().item()))
+    for a, b in zip(fast, slow):
+        assert a.dtype == b.dtype and a.shape == b.shape
+    return fast
+
+
+# --- random problems
+
+
+class Pushed(pp.NLS):
+    """A system as users write them: of one sample, by assignments, by the time's value."""
+
+    def state_transition(self, state, input, t):
+        new = torch.zeros_like(state)
+        new[0] = state[0] + 0.1 * state[1]
+        new[1] = 0.9 * state[1] + 0.1 * torch.tanh(input[0]) * self.push(int(t))
+        return new
+
+    def push(self, t):
+        return 1.0 if t < 2 else 1.5 + 0.1 * t
+
+    def observation(self, state, input, t):
+        return state
+
+
+def systems(g):
+    return {
+        "car": (pp.DubinsCar(), 4, 2),
+        "pendulum": (pp.Pendulum(), 2, 1),
+        "cart-pole": (pp.CartPole(), 4, 1),
+        "LTI": (pp.LTI(*matrices(g, 3, 2)), 3, 2),
+        "LTV": (pp.LTV(*matrices(g, 3, 2, (5,))), 3, 2),
+        "affine": (Affine(*matrices(g, 2, 2)), 2, 2),
+        "time": (Clockwork(), 2, 1),
+        "time's value": (Pushed(), 2, 1),
+    }
+
+
+@pytest.mark.parametrize("name", systems(torch.Generator().manual_seed(0)))
+def test_random_problems_have_the_same_plans(g, name, once):
+    system, n, m = systems(g)[name]
+    for i, (T, batch) in enumerate([(1, ()), (4, (17,)), (6, ()), (5, (2, 3)), (6, (1,))]):
+        W, w = weights(g, n + m, (T,) if i % 2 else ())
+        mpc = pair(system, W, 0.1 * w, T)
+        x, target, u = (0.5 * draw(g, *batch, *core) for core in ((n,), (n,), (T, m)))
+        system.reset(i)
+        same_plans(mpc, None, x)
+        bounds = {"u_lower": -0.1 - draw(g, m).abs(), "u_upper": 0.2, "du": 0.3 if i > 2 else None}
+        plan = same_plans(mpc, None, x, target, u, **bounds)
+        assert (plan.u >= bounds["u_lower"]).all() and (plan.u <= 0.2).all()
+        if i == 1 and name != "time's value":
+            once()  # whatever the horizon, the clock, the bounds and the size of the batch
+
+
+@pytest.mark.parametrize("lead", [(), (9,)], ids=["one", "many"])
+def test_float32_has_the_same_plans_to_its_own_rounding(g, lead):
+    Q = torch.eye(6, dtype=torch.float32)
+    x, target = (draw(g, *lead, 4, dtype=torch.float32) for _ in range(2))
+    plans = [mpc.solve(None, x, target) for mpc in pair(pp.DubinsCar(), Q, None, 5)]
+    assert plans[1].u.dtype == torch.float32
+    close(plans[1].cost, plans[0].cost, 1e-4)
+    close(plans[1].u, plans[0].u, 2e-2)
+
+
+def test_every_member_may_have_its_own_problem(g):
+    Q, p = weights(g, 3, (5, 1))
+    mpc = pair(Clockwork(), Q, p, 4)
+    target, start = draw(g, 5, 4, 2), draw(g, 5, 4, 1)
+    bounds = {"u_lower": -draw(g, 5, 4, 1).abs(), "u_upper": draw(g, 5, 4, 1).abs()}
+    same_plans(mpc, None, draw(g, 5, 2), target, start, **bounds)
+    same_plans(mpc, None, draw(g, 3, 5, 2), target.expand(3, 5, 4, 2), start, **bounds)
+    same_plans(mpc, None, draw(g, 2), target[0], start)
+
+
+# --- the infinity
 
 
 @pytest.fixture(scope="module")
-def pair():
-    """The infinity's controller in Python, and a compiled one; what takes long is done once."""
+def controllers():
+    """The infinity's controller in Python, and a compiled one."""
     slow, fast = (infinity.controller(T=6, dtype=torch.float64) for _ in range(2))
-    return slow, compiled(fast)
+    fast.compile()
+    return slow, fast
 
 
-def test_a_plan_and_its_gradient_are_the_same(pair):
+@pytest.mark.parametrize("i, j", [(0, 2), (0, 4), (3, 9), (8, 1), (5, 5), (4, 14)])
+def test_a_plan_goes_the_same_way_where_full_steps_mislead_too(controllers, i, j):
+    """Also where Newton's model has no minimum, and where sweeps find nothing better."""
+    W = infinity.waypoints(torch.float64)
+    same_plans(controllers, 0.1, W[i], W[j])
+
+
+def test_members_of_a_batch_go_the_way_of_each_alone(controllers):
+    W = infinity.waypoints(torch.float64)
+    x = W[:15].repeat(8, 1)
+    target = W[2:].repeat(8, 1)[torch.randperm(120, generator=torch.Generator().manual_seed(0))]
+    plan = same_plans(controllers, 0.1, x, target, u_lower=-2.0, u_upper=2.0)
+    assert len(plan.iterations.unique()) > 3, "all were equally hard"
+
+
+def test_gradients_are_the_cores(controllers):
     W = infinity.waypoints(torch.float64)
     target = W[2].clone().requires_grad_()
-    plans = [mpc.solve(0.1, W[0], target) for mpc in pair]
-    close(plans[1].u, plans[0].u, 1e-9)
-    assert plans[0].iterations == plans[1].iterations and plans[1].converged
+    plans = [mpc.solve(0.1, W[0], target) for mpc in controllers]
     slopes = [torch.autograd.grad(plan.u.sum(), target)[0] for plan in plans]
     close(slopes[1], slopes[0], 1e-8)
 
 
-def test_batches_of_any_size_are_compiled_once_and_keep_their_bounds(g, once):
-    Q, p = weights(g, 3)
-    slow, fast = pp.MPC(Clockwork(), Q, p, 4), compiled(pp.MPC(Clockwork(), Q, p, 4))
-    for lead in ((1,), (6,), (11,), (1,), (2,), (2, 3)):
-        x, target = draw(g, *lead, 2), draw(g, *lead, 2)
-        plans = [mpc.solve(None, x, target, u_lower=-0.2, u_upper=0.3) for mpc in (slow, fast)]
-        close(plans[1].u, plans[0].u, 1e-9)
-        assert plans[1].converged.all()
-        assert plans[1].u.min() >= -0.2 and plans[1].u.max() <= 0.3
-        if lead == (6,):
-            once()
-    assert (plans[1].u == -0.2).any() or (plans[1].u == 0.3).any()
-    slow, fast = (pp.MPC(pp.CartPole(), torch.eye(5), None, 3) for _ in range(2))
-    x = draw(g, 6, 4)  # of other sizes, which is no recompilation of the other's code
-    close(compiled(fast).solve(None, x).u, slow.solve(None, x).u, 1e-9)
-
-
-def test_single_plans_are_compiled_once_and_go_the_same_way_sweep_by_sweep(pair, once, monkeypatch):
-    """Also where a full step misleads, Newton's model has no minimum, or a stepper ends them."""
-    W, (slow, fast) = infinity.waypoints(torch.float64), pair
-    for i, j in ((0, 2), (0, 4), (3, 9), (8, 1), (5, 5), (4, 14)):
-        plans = [mpc.solve(0.1, W[i], W[j]) for mpc in (slow, fast)]
-        assert plans[0].iterations == plans[1].iterations
-        close(plans[1].history, plans[0].history, 1e-9)
-        close(plans[1].u, plans[0].u, 1e-7)
-        if (i, j) == (0, 2):
-            once()
-    with monkeypatch.context() as patch:
-        for mpc in pair:
-            patch.setattr(mpc, "stepper", pp.utils.ReduceToBason(steps=3))
-        plans = [mpc.solve(0.1, W[0], W[2]) for mpc in pair]
-        only = fast.solve(0.1, W[:1], W[2:3])  # of a batch, and as quick
-    assert plans[1].iterations == 3 and not plans[1].converged
-    close(plans[1].history, plans[0].history, 1e-9)
-    close(only.history[:, 0], plans[1].history, 0)
-    with pytest.raises(ValueError, match="the rollout from it diverges"):
-        fast.solve(0.1, W[0], W[2], torch.full((6, 2), 1e308))
-
-
-def test_members_that_a_full_step_misleads_try_shorter_ones(monkeypatch):
-    """The way is that of Python, sweep by sweep; here the compiled sweep is Python's, too."""
+@pytest.mark.parametrize("rows", [0, slice(0, 5)], ids=["one", "many"])
+def test_a_stepper_ends_compiled_sweeps(controllers, monkeypatch, rows):
     W = infinity.waypoints(torch.float64)
-    x, target = W[[0, 0, 3, 8, 5, 4]], W[[2, 4, 9, 1, 5, 14]]
-    slow, fast = (infinity.controller(T=6, dtype=torch.float64) for _ in range(2))
-    plans = [slow.solve(0.1, x, target)]
-    fast = compiled(fast)
-    lengths = []
+    for mpc in controllers:
+        monkeypatch.setattr(mpc, "stepper", pp.utils.ReduceToBason(steps=3))
+    plan = same_plans(controllers, 0.1, W[rows], W[2:][rows])
+    assert len(plan.history) == 4 and not plan.converged.any()
 
-    def sweep(problem, at, newton, length):
-        lengths.append(length)
-        return fused(problem, at, newton, length)
 
-    monkeypatch.setattr(fast._optimize, "sweep", sweep)
-    monkeypatch.setattr("pypose_lite.compiled.optimizer.AT_ONCE", 4)
-    plans.append(fast.solve(0.1, x, target))
-    assert (plans[0].iterations == plans[1].iterations).all() and plans[1].converged.all()
-    close(plans[1].history, plans[0].history, 1e-9)
-    close(plans[1].u, plans[0].u, 1e-7)
-    assert [len(length) for length in lengths[:2]] == [3, 3], "a batch comes in equal shares"
-    assert torch.cat(lengths).min() < 1, "none had to try a shorter step"
+def test_a_diverging_rollout_is_refused_as_in_python(controllers):
+    W = infinity.waypoints(torch.float64)
+    for u in (torch.full((6, 2), 1e308), torch.full((2, 6, 2), 1e308)):
+        with pytest.raises(ValueError, match="the rollout from it diverges"):
+            controllers[1].solve(0.1, W[0], W[2], u)
 
+
+def test_arguments_stay_as_they_were(controllers):
+    W = infinity.waypoints(torch.float64)
+    u, lower = torch.ones(6, 2), torch.full((2,), -0.3)
+    first = controllers[1].solve(0.1, W[0], W[2], u, u_lower=lower)
+    again = controllers[1].solve(0.1, W[0], W[2], u, u_lower=lower)
+    assert torch.equal(u, torch.ones(6, 2)) and torch.equal(first.u, again.u)
+
+
+# --- what a system reads may change
 
 PULL, SHAPE = 1.0, torch.sin
 
 
 class Pulled(Clockwork):
+    def __init__(self):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.tensor([0.5, 1.0]))
+
     def state_transition(self, state, input, t):
-        return PULL * SHAPE(super().state_transition(state, input, t))
+        return PULL * SHAPE(self.weight * super().state_transition(state, input, t))
 
 
-def test_what_a_system_reads_may_change(g, monkeypatch, once):
-    """A number or a function, its own or global: what was compiled for another one is not used.
-
-    Here matrices count as too large to be made entries, which changes no plan either.
-    """
-    monkeypatch.setattr("pypose_lite.compiled.entries.LARGEST", 0)
-    Q, p = weights(g, 3)
-    system, x = Pulled(), draw(g, 2)
-    fast = compiled(pp.MPC(system, Q, p, 2))
-    close(fast.solve(None, x).u, pp.MPC(Pulled(), Q, p, 2).solve(None, x).u, 1e-9)
-    once()
-    fast.solve(None, x)
-    changes = (globals(), "SHAPE", torch.tanh), (globals(), "PULL", 2), (vars(system), "gain", 2)
-    for of, name, value in changes:
-        with monkeypatch.context() as patch, pytest.raises(torch._dynamo.exc.RecompileError):
-            patch.setitem(of, name, value)
-            fast.solve(None, x)
+def train(system):
+    with torch.no_grad():
+        system.weight += 0.25
 
 
-def test_a_system_with_a_batch_of_several_dimensions_is_named(g):
-    mpc = compiled(pp.MPC(pp.Pendulum(length=1 + torch.rand(2, 3)), torch.eye(3), None, 2))
-    with pytest.raises(RuntimeError, match=r"Pendulum cannot be compiled for a batch \(2, 3\)"):
-        mpc.solve(None, draw(g, 2))
+CHANGES = {  # and whether another code is needed
+    "parameter in place": (train, False),
+    "parameter": (lambda s: setattr(s, "weight", torch.nn.Parameter(torch.ones(2))), False),
+    "number": (lambda s: setattr(s, "gain", 0.3), True),
+    "another number": (lambda s: setattr(s, "gain", 0.8), False),
+    "global": (lambda s: globals().update(PULL=1.3), True),
+    "function": (lambda s: globals().update(SHAPE=torch.tanh), True),
+    "method": (lambda s: setattr(Pulled, "state_transition", Clockwork.state_transition), True),
+}
 
 
-def test_a_torch_that_is_too_old_is_named(monkeypatch):
-    monkeypatch.setattr(torch, "__version__", type(torch.__version__)("2.12.1"))
-    with pytest.raises(RuntimeError, match="expected torch 2.13, got 2.12.1"):
-        infinity.controller().compile()
+def test_what_a_system_reads_may_change(g, monkeypatch):
+    """No change goes unseen, and numbers but 0, 1 and 2 need no other code."""
+    for name in ("PULL", "SHAPE"):
+        monkeypatch.setitem(globals(), name, globals()[name])
+    monkeypatch.setattr(Pulled, "state_transition", Pulled.state_transition)
+    mpc, x = pair(Pulled(), *weights(g, 3), 3), draw(g, 2)
+    same_plans(mpc, None, x)
+    made = []
+    monkeypatch.setattr(program, "load", lambda *args: made.append(1) or library.load(*args))
+    for change, again in CHANGES.values():
+        change(mpc[0].system)
+        made.clear()
+        before = mpc[1].solve(None, x).u
+        assert torch.equal(before, same_plans(mpc, None, x).u)
+        assert again or not made, change
+
+
+def test_copies_are_compiled_for_themselves(g):
+    mpc = pair(Clockwork(), *weights(g, 3), 3)
+    x = draw(g, 2)
+    same_plans(mpc, None, x)
+    for twin in (copy.deepcopy(mpc[1]), pickle.loads(pickle.dumps(mpc[1]))):
+        twin.system.gain = 0.5
+        slow = pp.MPC(twin.system, twin.Q, twin.p, 3)
+        same_plans((slow, twin), None, x)
+    same_plans(mpc, None, x)
+
+
+# --- what cannot be compiled
 
 
 class Branching(Clockwork):
@@ -155,21 +250,59 @@ class Branching(Clockwork):
         return super().state_transition(state, input, t) if state[0] > 0 else state
 
 
-def test_a_system_that_branches_on_its_state_is_named(g):
-    Q, p = weights(g, 3)
-    with pytest.raises(RuntimeError, match="Branching cannot be compiled"):
-        compiled(pp.MPC(Branching(), Q, p, 2)).solve(None, draw(g, 2))
+class Drawing(Clockwork):
+    def state_transition(self, state, input, t):
+        return super().state_transition(state, input, t) + torch.rand(2)
 
 
-def test_a_compiled_sweep_that_disagrees_is_refused(g):
-    """As of a system that reads ``self.systime``, which compiled code cannot see."""
-    Q, p = weights(g, 3)
-    mpc = compiled(pp.MPC(Clockwork(), Q, p, 3))
+class Outside(Clockwork):
+    def state_transition(self, state, input, t):
+        return state * sum(state.tolist())
 
-    def late(problem, at, *rest):
-        return improve(problem._replace(t=problem.t + 1), at, True)
 
-    mpc._optimize.sweep, mpc._optimize.sweeps = late, lambda *args: (late(*args), None)
-    for x in (draw(g, 2), draw(g, 3, 2)):
-        with pytest.raises(RuntimeError, match="Clockwork.*it reads more than its arguments"):
-            mpc.solve(None, x)
+class Sorting(Clockwork):
+    def state_transition(self, state, input, t):
+        return state.sort().values
+
+
+REFUSED = {
+    "branches on a state": Branching(),
+    "draws random numbers": Drawing(),
+    "computes with values outside of torch": Outside(),
+    "uses sort, which has no rule here": Sorting(),
+}
+
+
+@pytest.mark.parametrize("why", REFUSED)
+def test_a_system_that_cannot_be_compiled_is_named(g, why):
+    _, fast = pair(REFUSED[why], *weights(g, 3), 2)
+    name = type(fast.system).__name__
+    with pytest.raises(RuntimeError, match=f"{name} cannot be compiled: it {why}"):
+        fast.solve(None, draw(g, 2))
+
+
+class Twofold(Clockwork):
+    """Says that it takes batches, and does something else with them."""
+
+    vectorized = True
+
+    def state_transition(self, state, input, t):
+        return state * (2 if state.ndim > 1 else 1) + input
+
+
+@pytest.mark.parametrize("lead", [(), (3,)], ids=["one", "many"])
+def test_a_compiled_step_that_is_not_the_systems_is_refused(g, lead):
+    _, fast = pair(Twofold(), *weights(g, 3), 3)
+    with pytest.raises(RuntimeError, match="Twofold cannot be compiled: it reads more than"):
+        fast.solve(None, draw(g, *lead, 2))
+
+
+def test_the_engine_is_loaded_by_compile_alone():
+    code = """
+import sys, pypose_lite as pp, torch
+mpc = pp.MPC(pp.Pendulum(), torch.eye(3), None, 2)
+mpc(None, torch.zeros(2))
+assert not [m for m in sys.modules if m.startswith("pypose_lite.compiled")]
+assert "torch._inductor" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

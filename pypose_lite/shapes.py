@@ -6,9 +6,12 @@ Vectors come last and batches first: a state is ``(..., n)``, a sequence ``(...,
 import functools
 import math
 import re
+from contextvars import ContextVar
 
 import torch
 from torch import Tensor, nn
+
+RECORDING = ContextVar("RECORDING", default=False)  # whether `compiled` writes a step down
 
 
 def check(spec: str, *tensors: Tensor | None, **sizes: int) -> dict[str, int]:
@@ -120,9 +123,9 @@ def has_numbers(x: Tensor) -> bool:
     """Returns whether the numbers in x can be asked for, as ``float(x)`` and ``if x > 0:`` do.
 
     They cannot inside ``torch.vmap``, where x stands for all members of a batch at once, nor while
-    torch compiles.
+    torch compiles, or `compiled` writes a system's step down.
     """
-    if torch.compiler.is_compiling():
+    if torch.compiler.is_compiling() or RECORDING.get():
         return False
     while torch._C._functorch.is_functorch_wrapped_tensor(x):
         if torch._C._functorch.is_batchedtensor(x):

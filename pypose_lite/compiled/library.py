@@ -23,9 +23,10 @@ from pathlib import Path
 
 import torch
 
-OPTIONS = "-std=gnu++17 -O3 -march=native -fno-math-errno -fno-trapping-math -shared -fPIC".split()
+NATIVE = "-march=native"  # not every compiler knows it for every processor
+OPTIONS = f"-std=gnu++17 -O3 {NATIVE} -fno-math-errno -fno-trapping-math".split()
+OPTIONS += ["-shared", "-fPIC", "-pthread"]
 LIBRARIES = ["-lmvec"] if platform.machine() == "x86_64" and sys.platform == "linux" else []
-LIBRARIES += ["-lm"]
 _loaded: dict[str, ctypes.CDLL] = {}
 
 
@@ -113,9 +114,12 @@ def _make(text: str, key: str, what: str, folder: Path | None) -> ctypes.CDLL:
         made = Path(place) / f"{key}.so"
         code = made.with_suffix(".cpp")
         code.write_text(text)
-        command = [compiler(), *OPTIONS, str(code), "-o", str(made), *LIBRARIES]
-        run = subprocess.run(command, capture_output=True, text=True)
-        if run.returncode:
+        for options in (OPTIONS, [option for option in OPTIONS if option != NATIVE]):
+            command = [compiler(), *options, str(code), "-o", str(made), *LIBRARIES]
+            run = subprocess.run(command, capture_output=True, text=True)
+            if not run.returncode:
+                break
+        else:
             raise RuntimeError(f"compile: the C++ compiler failed:\n{run.stderr[-2000:]}")
         if folder:
             try:

@@ -19,7 +19,7 @@ import warnings
 import torch
 from torch import Tensor
 
-from ..control.ilqr import SWEEPS, optimize, start
+from ..control.ilqr import SWEEPS, optimize
 from ..control.iterate import Solution
 from ..control.problem import Problem
 from .library import compiler

@@ -16,6 +16,10 @@ class Unsupported(Exception):
     """What cannot be written down, in words that follow "it"."""
 
 
+class AsksForTime(Exception):
+    """The system asks for the time's value, as ``int(t)`` does."""
+
+
 class Places:
     """An arithmetic, and the place in it of each number of every storage that was seen.
 
@@ -26,6 +30,7 @@ class Places:
     def __init__(self) -> None:
         self.arithmetic = Arithmetic()
         self.parameters: list[Tensor] = []
+        self.fixed: list[tuple[Tensor, Tensor]] = []  # parameters whose values were asked for
         self.known: dict[int, Tensor] = {}  # the places of a storage, by its address
         self.kept: list[Tensor] = []  # so that no address is used again
 
@@ -62,6 +67,27 @@ class Places:
     def is_constant(self, z: Tensor) -> bool:
         """Returns whether all numbers of a tensor are known, whatever x, u and t are."""
         return all(self.arithmetic.value(i) is not None for i in self.of(z).flatten().tolist())
+
+    def depends(self, z: Tensor) -> bool:
+        """Returns whether a tensor's numbers depend on x, u or t."""
+        needed = self.arithmetic.needs(self.of(z).flatten().tolist())
+        return any(self.arithmetic.entries[i][0] in ("x", "u", "t") for i in needed)
+
+    def ask(self, z: Tensor, why: str) -> None:
+        """Makes sure that a tensor's values may be asked for: what the system keeps, made of it.
+
+        Raises:
+            Unsupported: where they depend on a state or an input, which ``why`` is about.
+            AsksForTime: where they depend on the time.
+        """
+        needed = self.arithmetic.needs(self.of(z).flatten().tolist())
+        leaves = {self.arithmetic.entries[i][0] for i in needed}
+        if leaves & {"x", "u"}:
+            raise Unsupported(why)
+        if "t" in leaves:
+            raise AsksForTime
+        if "number" in leaves:
+            self.fixed = [(p, p.detach().clone()) for p in self.parameters]
 
 
 def address(z: Tensor) -> int:

@@ -16,16 +16,13 @@ import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from ..shapes import RECORDING
 from ..systems import System
 from . import rules
 from .places import Places, Unsupported, flat
 from .scalars import Arithmetic
 
 LARGEST = 20_000  # operations on single numbers: more would take too long to compile
-
-
-class AsksForTime(Exception):
-    """The system asks for the time's value, as ``int(t)`` does."""
 
 
 class Recording(NamedTuple):
@@ -56,9 +53,13 @@ def record(
     places.note(x, [leaf("x", i) for i in range(n)])
     places.note(u, [leaf("u", i) for i in range(m)])
     places.note(clock, [leaf("t") if t is None else leaf("constant", t)])
-    with torch.no_grad(), _Recorder(places) as recorder:
-        y = system.transition(x, u, clock)
-    return Recording(places.arithmetic, places.of(y), places.parameters, recorder.fixed)
+    without_numbers = RECORDING.set(True)
+    try:
+        with torch.no_grad(), _Recorder(places):
+            y = system.transition(x, u, clock)
+    finally:
+        RECORDING.reset(without_numbers)
+    return Recording(places.arithmetic, places.of(y), places.parameters, places.fixed)
 
 
 class _Recorder(TorchDispatchMode):
@@ -67,7 +68,6 @@ class _Recorder(TorchDispatchMode):
     def __init__(self, places: Places):
         super().__init__()
         self.places = places
-        self.fixed: list[tuple[Tensor, Tensor]] = []
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
@@ -80,11 +80,13 @@ class _Recorder(TorchDispatchMode):
         name = func._schema.name.removeprefix("aten::")
         given = [z for z in flat((args, kwargs)) if isinstance(z, Tensor)]
         for z in given:
+            if name == "lift_fresh" and not places.knows(z):  # torch.tensor([1.0, 2.0])
+                places.note(z, [places.arithmetic.constant(v) for v in z.flatten().tolist()])
             places.of(z)
         if torch.Tag.nondeterministic_seeded in func.tags:
             raise Unsupported(f"draws random numbers ({name})")
         if name in ("_local_scalar_dense", "is_nonzero"):
-            self._ask(args[0])
+            places.ask(args[0], "branches on a state or an input, or asks for its value")
         elif func._schema.is_mutable:
             return self._write(func, name, args, kwargs)
         elif not rules.knows(places, func, name, given):
@@ -118,15 +120,3 @@ class _Recorder(TorchDispatchMode):
         if result is NotImplemented:
             raise Unsupported(f"uses {name}, which has no rule here")
         return result
-
-    def _ask(self, z: Tensor) -> None:
-        """Makes sure that a value may be asked for: that of a tensor which the system keeps."""
-        arithmetic = self.places.arithmetic
-        needed = arithmetic.needs(self.places.of(z).flatten().tolist())
-        leaves = {arithmetic.entries[i][0] for i in needed}
-        if leaves & {"x", "u"}:
-            raise Unsupported("branches on a state or an input, or asks for its value")
-        if "t" in leaves:
-            raise AsksForTime
-        if "number" in leaves:
-            self.fixed = [(p, p.detach().clone()) for p in self.places.parameters]

@@ -62,7 +62,6 @@ def write(r: Places, func, name: str, args) -> None:
 
 def _moved(r: Places, func, name: str, args, kwargs) -> Tensor:
     """Returns places, moved as an operation moves numbers."""
-
     first, *rest = args
     if name in BY_INDEX:
         rest = [_index(r, z) if isinstance(z, Tensor) else z for z in rest]
@@ -75,18 +74,16 @@ def _moved(r: Places, func, name: str, args, kwargs) -> Tensor:
 
 
 def _index(r: Places, z: Tensor | None) -> Tensor | None:
-    """Returns an index that is the same whatever x, u and t are."""
-    if z is not None and not r.is_constant(z):
-        raise Unsupported("indexes a tensor by what it has computed")
+    """Returns an index, having made sure that it is the same whatever x, u and t are."""
+    if z is not None:
+        r.ask(z, "indexes a tensor by what it has computed of a state or an input")
     return z
 
 
 def _picked(r: Places, z: Tensor, indices: list) -> Tensor:
     """Returns what an index picks; a computed one, of the first dimension, when the code runs."""
-    if all(i is None or r.is_constant(i) for i in indices):
-        return torch.ops.aten.index(r.of(z), list(indices))
-    if len(indices) > 1 or indices[0].dtype == torch.bool:
-        return _index(r, next(i for i in indices if i is not None and not r.is_constant(i)))
+    if len(indices) > 1 or indices[0].dtype == torch.bool or not r.depends(indices[0]):
+        return torch.ops.aten.index(r.of(z), [_index(r, i) for i in indices])
     columns = r.of(z).reshape(len(z), -1).unbind(1)
     at = r.of(indices[0]).flatten().tolist()
     core = [_pick(r, i, column.tolist()) for i in at for column in columns]
@@ -264,6 +261,7 @@ RULES: dict[str, Callable[..., Any]] = {
     "cumsum": _cumsum,
     "dot": lambda r, a, b: product(r, r.of(a)[None], r.of(b)[:, None])[0, 0],
     "floor_divide": formula(lambda do, a, b: do("floor", do("div", a, b))),
+    "hypot": formula(lambda do, a, b: do("sqrt", do("add", do("mul", a, a), do("mul", b, b)))),
     "index": _picked,
     "linalg_inv_ex": _inverse,
     "logical_and": formula(lambda do, a, b: do("mul", do("ne", a, 0), do("ne", b, 0))),

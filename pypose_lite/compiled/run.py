@@ -32,8 +32,11 @@ class CProblem(ctypes.Structure):
     """A problem of T steps for B members."""
 
     _fields_ = [
-        *[("T", Count), ("B", Count), ("times", Address), ("kinds", Address)],
-        *[(name, CSequence) for name in SEQUENCES],
+        ("T", Count),
+        ("B", Count),
+        ("times", Address),
+        ("kinds", Address),
+        *((name, CSequence) for name in SEQUENCES),
     ]
 
 

@@ -95,7 +95,9 @@ class Arithmetic:
         Two steps that do the same with other numbers have the same arithmetic. A number is a
         constant's value or the name of a parameter.
         """
-        new, numbers, place = Arithmetic(), [], {}
+        new = Arithmetic()
+        numbers: list = []
+        place: dict[int, int] = {}
         stack = list(results)[::-1]
         results = stack[::-1]
         while stack:

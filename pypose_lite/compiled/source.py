@@ -34,13 +34,8 @@ def source(kinds: Sequence[Kind], n: int, m: int, dtype: torch.dtype, many: bool
     """
     sizes = f"// {n} states, {m} inputs\nconstexpr int n = {n}, m = {m};\n"
     sizes += f"#define DOUBLE {int(dtype == torch.float64)}\n#define MANY {int(many)}\n"
-    count = max(
-        args[0] + 1
-        for entries, _ in kinds
-        for op, *args in [("number", 0), *entries]
-        if op == "number"
-    )
-    sizes += f"#define COUNT {count}\n"
+    numbers = {entry for entries, _ in kinds for entry in entries if entry[0] == "number"}
+    sizes += f"#define COUNT {len(numbers)}\n"
     lanewise, ilqr = (_text(name) for name in ("lanes.h", "ilqr.cpp"))
     functions = [_kind(i, *kind, n, m) for i, kind in enumerate(kinds)]
     calls = [

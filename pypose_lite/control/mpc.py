@@ -115,25 +115,21 @@ class MPC(OptimalControl):
         rest = solution.converged, solution.iterations, solution.history
         return Plan(X.movedim(0, -2), U.movedim(0, -2), cost, *rest)
 
-    def compile(self, **options) -> None:
-        """Makes later solves faster: their sweeps are compiled when they first run.
+    def compile(self) -> None:
+        """Makes later plans many times faster: they are made by compiled code, kept on disk.
 
-        That takes a minute or two for each kind of problem: a single plan or batches of any size,
-        with bounds or without, and each T, the longest no longer than the others. Numbers that the
-        system keeps are compiled, too, and changing one takes as long again; tensors may change.
-        The plans stay the same, and the gradients.
-
-        Args:
-            options: for torch's inductor.
+        Plans and gradients stay the same. The first plan takes a few seconds, and so does the first
+        batch; another process, another horizon, other weights, bounds or numbers of the system take
+        next to nothing. What the system keeps may change at any time.
 
         Raises:
-            RuntimeError: where torch is older than 2.13; and at the next solve, where the system
-                cannot be compiled: its functions branch on a state, print, or read
-                ``self.systime`` instead of taking ``t``, or it has a batch of several dimensions.
+            RuntimeError: where there is no C++ compiler (g++ or clang++); and at the next plan,
+                where the system cannot be compiled: its functions branch on a state, leave torch,
+                or use an operation that the engine has no rule for.
         """
         from ..compiled import CompiledOptimizer
 
-        self._optimize = CompiledOptimizer(**options)
+        self._optimize = CompiledOptimizer()
 
     def _fresh_stepper(self):
         stepper = copy.deepcopy(self.stepper)

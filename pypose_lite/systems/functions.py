@@ -11,7 +11,6 @@ import re
 import weakref
 from collections.abc import Callable
 
-import torch
 from torch import Tensor, nn
 
 TIME = ("t", "time")  # what an argument with a default is called that is meant for the time
@@ -57,7 +56,6 @@ def written(system: nn.Module, name: str) -> Callable:
     return call
 
 
-@torch.compiler.assume_constant_result  # a compiler need not look inside
 def time_argument(system: nn.Module, name: str) -> str | None:
     """Returns how the system's function of that name is given the time; None where it takes none.
 

@@ -119,14 +119,14 @@ class LTV(LTI):
         """Sets the clock to ``t``, where it is given, and returns the system."""
         return self if t is None else self.reset(t)
 
-    def mapped(self, name, t=None, clock=True) -> Callable:
+    def mapped(self, name, t=None) -> Callable:
         """Returns ``(x, u) -> f(x, u, t)`` for any batch; see :meth:`System.mapped`."""
         t, at_once = self._time(t), super().mapped
         if t.numel() == 1:
-            return at_once(name, t.reshape(()), clock)
+            return at_once(name, t.reshape(()))
 
         def each(x, u, t):
-            return (self.mapped(name, t, clock)(x, u),)
+            return (self.mapped(name, t)(x, u),)
 
         return lambda x, u: _row_by_row(each, x, u, t)[0]
 

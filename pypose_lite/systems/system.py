@@ -181,17 +181,16 @@ class System(nn.Module):
         """
         return check(f"{name}: n, input: m", state, input, **self.sizes)
 
-    def mapped(self, name: str, t: Time = None, clock: bool = True) -> Callable:
+    def mapped(self, name: str, t: Time = None) -> Callable:
         """Returns ``(x, u) -> f(x, u, t)`` for any batch, however f is written.
 
         Args:
             name: that of f, ``state_transition`` or ``observation``.
-            t: one time step, or one for each member; None is the current time.
-            clock: whether the clock shows t to functions that look at it while they run. For a
-                compiler, which allows no such change, False leaves it alone.
+            t: one time step, or one for each member; None is the current time. The clock shows it
+                to functions that look at it while they run.
         """
-        t, function = self._time(t), written(self, name)
-        f = partial(self._at, function) if clock else function
+        t = self._time(t)
+        f = partial(self._at, written(self, name))
 
         def any_batch(x: Tensor, u: Tensor) -> Tensor:
             x, u = same_batch(x, u)

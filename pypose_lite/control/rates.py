@@ -28,13 +28,13 @@ class InputRates(NLS):
         if hasattr(system, "dt"):
             self.dt = system.dt
 
-    def state_transition(self, state, input, t) -> Tensor:
+    def state_transition(self, state, input, t=None):
         """Returns the next state and the input that led there, ``(..., n+m)``."""
         x, u = self._now(state, input)
         moved = self.system.transition(x, u, t.squeeze(-1) if t.ndim else t)
         return torch.cat([moved, u.expand(*moved.shape[:-1], -1)], -1)  # (2)
 
-    def observation(self, state, input, t) -> Tensor:
+    def observation(self, state, input, t=None):
         """Returns what the system shows, ``(..., p)``."""
         return self.system.observe(*self._now(state, input), t.squeeze(-1) if t.ndim else t)
 

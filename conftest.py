@@ -71,6 +71,6 @@ def pytest_terminal_summary(terminalreporter):
     table = Counter(map(tuple, graded))
     if table:
         terminalreporter.section("graders: exercise, right answers accepted, wrong ones refused")
-    for number in dict.fromkeys(number for number, _ in table):
+    for number in sorted({number for number, _ in table}):
         right, wrong = table[number, "right accepted"], table[number, "wrong refused"]
         terminalreporter.write_line(f"{number:>5} {right:>4} {wrong:>4}")

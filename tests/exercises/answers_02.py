@@ -92,7 +92,7 @@ def old_V(A, B, Q, R, V):
     return V, solved(A, B, Q, R, V)[1]
 
 
-@wrong("2.1", "Expected V, of shape (3, 3); got of shape (2, 3)")
+@wrong("2.1", "Expected V of shape (3, 3); got one of shape (2, 3)")
 def in_the_other_order(A, B, Q, R, V):
     return solved(A, B, Q, R, V)[::-1]
 

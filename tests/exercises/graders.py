@@ -7,6 +7,7 @@
     def sign(A, B, Q, R, V): ...
 
     wrong("2.2", "returns")("a")
+    wrong("1.6", "shape", "half of it")(lap[:64])
 
 ``wrong`` says what the verdict has to say, too. A file a chapter, ``answers_02.py``, holds them.
 """
@@ -20,20 +21,26 @@ class Case(NamedTuple):
     number: str
     answer: Any
     says: str | None
+    words: str
 
     @property
     def name(self) -> str:
-        return f"{self.number}-{getattr(self.answer, '__name__', repr(self.answer)[:40])}"
+        return f"{self.number}-{self.words or getattr(self.answer, '__name__', repr(self.answer))}"
 
 
 CASES: list[Case] = []
 
 
-def right(number: str):
-    """Adds an answer that has to be accepted."""
-    return lambda answer: CASES.append(Case(number, answer, None)) or answer
+def right(number: str, words: str = ""):
+    """Adds an answer that has to be accepted; ``words`` name it where it has no name."""
+    return wrong(number, None, words)
 
 
-def wrong(number: str, says: str):
-    """Adds an answer that has to be refused by a verdict that contains these words."""
-    return lambda answer: CASES.append(Case(number, answer, says)) or answer
+def wrong(number: str, says: str | None, words: str = ""):
+    """Adds an answer that has to be refused by a verdict that contains what ``says`` says."""
+
+    def add(answer):
+        CASES.append(Case(number, answer, says, words))
+        return answer
+
+    return add

@@ -14,8 +14,8 @@ from pypose_lite.teaching.checks import EXERCISES, chapter, find, judge
 HERE = Path(__file__).parent
 for path in sorted(HERE.glob("answers_*.py")):
     importlib.import_module(path.stem)
-for path in sorted(Path(find.__code__.co_filename).parent.glob("chapter_*.py")):
-    chapter(int(path.stem[-2:]))
+for number in range(1, 11):
+    chapter(number)
 RIGHT = [case for case in CASES if case.says is None]
 WRONG = [case for case in CASES if case.says is not None]
 
@@ -70,4 +70,4 @@ def test_a_function_that_returns_something_else_gets_a_verdict_of_a_few_lines(nu
         verdict = judge(find(number), eval(f"lambda {names}: value", {"value": value}))
         assert verdict.state == "refused"
         assert len(str(verdict).splitlines()) <= 4
-        assert "Your answer, when tried, raised" not in str(verdict)
+        assert "could not be tried" not in str(verdict)

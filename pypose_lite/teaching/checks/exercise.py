@@ -14,10 +14,11 @@ A property returns where it holds, and raises ``Failure`` where it does not.
 """
 
 import importlib
-import importlib.util
+import pkgutil
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 NUMBER = re.compile(r"(\d+)\.\d+")
@@ -85,10 +86,13 @@ EXERCISES: dict[str, Exercise] = {}
 
 
 def chapter(number: int) -> list[Exercise]:
-    """Returns the exercises of a chapter, in the order of their file; none if it has no file."""
-    name = f"{__package__}.chapter_{number:02d}"
-    if importlib.util.find_spec(name):
-        importlib.import_module(name)
+    """Returns the exercises of a chapter, in the order of their file; none if it has no file.
+
+    The file is ``chapter_02.py``; a long one goes on in others, ``chapter_02_....py``.
+    """
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        if module.name.startswith(f"chapter_{number:02d}"):
+            importlib.import_module(f"{__package__}.{module.name}")
     return [exercise for key, exercise in EXERCISES.items() if key.startswith(f"{number}.")]
 
 

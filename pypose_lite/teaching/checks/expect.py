@@ -22,7 +22,7 @@ DETACHED = "`.detach()`, `.item()`, `float(...)` and `torch.tensor(...)` cut the
 
 def tensor(name: str, came: Any, shape: tuple[int, ...] | None = None) -> Tensor:
     """Returns ``came`` in float64 with its graph, or says which numbers were expected instead."""
-    wanted = f"{name}, {'numbers' if shape is None else shaped(shape)}"
+    wanted = f"{name} {'in numbers' if shape is None else shaped(shape)}"
     value = _as_tensor(came)
     if value is None:
         raise Failure(wanted, kind(came), NO_RETURN if came is None else "")
@@ -31,7 +31,7 @@ def tensor(name: str, came: Any, shape: tuple[int, ...] | None = None) -> Tensor
             return value.reshape(shape)
         turned = value.ndim > 1 and value.mT.shape == shape
         hint = "Its transpose has that shape." if turned else ""
-        raise Failure(wanted, shaped(value.shape), hint)
+        raise Failure(wanted, f"one {shaped(value.shape)}", hint)
     if not value.isfinite().all():
         raise Failure(f"{name}, finite numbers", "nan or inf", "Is something divided by zero?")
     return value

@@ -12,11 +12,11 @@ class Given:
 
     def randn(self, *shape: int) -> Tensor:
         """Returns independent standard normal numbers."""
-        return torch.randn(*shape, generator=self.generator, dtype=torch.float64)
+        return torch.randn(shape, generator=self.generator, dtype=torch.float64)
 
     def uniform(self, low: float, high: float, *shape: int) -> Tensor:
         """Returns independent numbers between two bounds."""
-        numbers = torch.rand(*shape, generator=self.generator, dtype=torch.float64)
+        numbers = torch.rand(shape, generator=self.generator, dtype=torch.float64)
         return low + (high - low) * numbers
 
     def positive(self, *shape: int) -> Tensor:

@@ -73,7 +73,7 @@ def _raised(exercise: Exercise, current: Property, error: BaseException) -> Verd
     what = f"{type(error).__name__}: {message}".removesuffix(": ")
     frames = own_frames(error)
     if not frames:
-        return say.refused(exercise, current.sentence, f"Your answer, when tried, raised {what}")
+        return say.refused(exercise, current.sentence, f"Your answer could not be tried: {what}")
     place = f"Line {frames[-1].lineno}, in {frames[-1].name}: {frames[-1].line}"
     return say.refused(exercise, current.sentence, f"Your code raised {what}", place)
 

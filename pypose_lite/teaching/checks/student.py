@@ -51,7 +51,7 @@ class Answer:
             names = list(inspect.signature(self.function).parameters)
         except (TypeError, ValueError):
             return numbered
-        return names if len(names) == count else numbered
+        return names[:count] if len(names) >= count else numbered
 
 
 def called(value: Any, exercise: Exercise) -> Any:

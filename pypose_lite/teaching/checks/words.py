@@ -28,8 +28,8 @@ def _is_function(value: Any) -> bool:
 
 
 def shaped(shape: Any) -> str:
-    """A shape in words: ``of shape (2, 3)``."""
-    return "a single number" if not shape else f"of shape {tuple(shape)}"
+    """A shape in words: ``of shape (2, 3)``, ``as a single number``."""
+    return f"of shape {tuple(shape)}" if shape else "as a single number"
 
 
 def compared(name: str, expected: Tensor, value: Tensor) -> tuple[str, str]:

@@ -93,7 +93,8 @@ def accepts(answer, given):
         "a right one of a function with tiny values": (3, 3, 0.01),
     }.items():
         hint = "The linear model is not exact. How large may its error be, and for which dx?"
-        verdict_is(answer, *smooth(given, *sizes), True, hint, case)
+        f, A, x = smooth(given, *sizes)
+        verdict_is(answer, f, A, x, True, hint, case)
 
 
 @verification.must("say False of a matrix with one wrong entry, whichever it is")

@@ -53,6 +53,7 @@ chapters: .venv/.installed
 	@mkdir -p build/executed
 	@$(MAKE) -n INSTALLED= $(NOTEBOOKS) | sed -n 's/.*execute\.py [^ ]* \([^ ]*\).*/\1/p' > $(TODO)
 	@$(MAKE) -s -j2 INSTALLED= $(NOTEBOOKS)
+	@rm -f $(TODO)
 
 build/executed/%.ipynb: book/%.py book/site/execute.py $(LIBRARY) $(INSTALLED)
 	@python book/site/execute.py $< $@ $(wildcard $(TODO))
@@ -69,7 +70,7 @@ build/npm/.complete: book/site/assets.sh .venv/.installed
 exercises: .venv/.installed
 	@python book/site/make_exercises.py solutions exercises
 
-page: $(if $(filter exercises/%,$(CHAPTER)),,build/executed/$(CHAPTER).ipynb) build/npm/.complete
+page: $(filter build/executed/$(CHAPTER).ipynb,$(NOTEBOOKS)) build/npm/.complete
 	@python book/site/stage.py build/executed build/page $(CHAPTER)
 	@cp -Rp build/npm/static build/npm/extra build/page
 	@$(BUILD_SITE) build/page build/page

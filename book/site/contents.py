@@ -1,5 +1,6 @@
 """The table of contents: that of ``_toc.yml``, with the exercises and solutions that there are."""
 
+import api
 import yaml
 from pages import ROOT, notebooks
 
@@ -17,6 +18,9 @@ def of(only: str = "*") -> str:
             lab = f"exercises/{chapter['file']}"
             if lab in notebooks():
                 chapter["sections"] = [{"file": lab}]
+    beside = toc["parts"][-1]["chapters"]
+    library = next(page for page in beside if page["file"] == "api")
+    library["sections"] = [{"file": page} for page in api.pages()]
     solved = [{"file": page} for page in notebooks() if page.startswith("solutions/")]
     if solved:
         toc["parts"].insert(-1, {"caption": "Solutions", "chapters": solved})

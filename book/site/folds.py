@@ -9,6 +9,7 @@ from itertools import groupby
 from typing import Any
 
 import nbformat
+from scoreboard import anchor
 
 from pypose_lite.teaching.claims import claims_in
 
@@ -34,7 +35,7 @@ def for_page(notebook: Any) -> Any:
                 _fold(cell, "hide-cell", claims_hold(cell))
             elif "setup" in tags:
                 _fold(cell, "hide-input", "Set-up")
-    notebook.cells = _named(_answers(notebook.cells))
+    notebook.cells = _named(_with_anchors(_answers(notebook.cells)))
     return notebook
 
 
@@ -90,6 +91,16 @@ def _answers(cells: list[Any]) -> Iterator[Any]:
         yield from group
         if answer:
             yield _text(CLOSED, "answer-ends")
+
+
+def _with_anchors(cells: Iterable[Any]) -> Iterator[Any]:
+    """All cells, and before each that claims, places for links from the scoreboard."""
+    for cell in cells:
+        made = claims_in(nbformat.v4.new_notebook(cells=[cell]))
+        if made:
+            ids = "".join(f'<a class="anchor" id="{anchor(claim.name)}"></a>' for claim in made)
+            yield _text(ids, "anchors")
+        yield cell
 
 
 def _folded(cell: Any, answer: bool) -> Any:

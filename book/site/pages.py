@@ -11,6 +11,7 @@ from posixpath import dirname, join, normpath, relpath
 
 ROOT = Path(__file__).parents[2]
 LABS = "exercises", "solutions"  # folders beside the book's, of the same names on the site
+MADE = (*LABS, "book/api/")  # pages that are made, or may come later
 LINK = re.compile(r"\[([^\]\[]*)\]\(([\w./-]+)\.(py|md)(#[\w-]+)?\)")
 
 
@@ -24,15 +25,14 @@ def notebooks() -> dict[str, Path]:
 def texts() -> dict[str, Path]:
     """The sources of all other pages, by name."""
     book = ROOT / "book"
-    paths = [*book.glob("*.md"), *book.glob("api/*.md")]
-    return {str(path.relative_to(book).with_suffix("")): path for path in sorted(paths)}
+    return {path.stem: path for path in sorted(book.glob("*.md"))}
 
 
 def on_site(page: str) -> str:
     """Where a page lies on the site before it is built: its file, or nothing where it has none."""
     if page in notebooks():
         return f"{page}.ipynb"
-    return f"{page}.md" if page in texts() else ""
+    return f"{page}.md" if page in texts() or page.startswith("api/") else ""
 
 
 def linked(text: str, page: str, place: Callable[[str], str]) -> str:
@@ -48,7 +48,7 @@ def linked(text: str, page: str, place: Callable[[str], str]) -> str:
     def follow(found: re.Match) -> str:
         words, target, suffix, anchor = found.groups()
         source = normpath(join(page if page.startswith(LABS) else f"book/{page}", "..", target))
-        if not source.startswith(LABS) and not (ROOT / f"{source}.{suffix}").exists():
+        if not (source.startswith(MADE) or (ROOT / f"{source}.{suffix}").exists()):
             raise ValueError(f"{page}: links to {target}.{suffix}, which does not exist")
         there = place(source.removeprefix("book/"))
         if not there:

@@ -128,13 +128,16 @@ def _entry(key: str) -> tuple[str, str, str]:
     if key not in _entries():
         raise RawText(f"references.bib has no entry {key!r}")
     entry = _entries()[key]
+    doi, url = entry.fields.get("doi"), entry.fields.get("url", "")
+    return *authors_and_year(entry), f"https://doi.org/{doi}" if doi else url
+
+
+def authors_and_year(entry) -> tuple[str, str]:
+    """The authors of an entry as citations name them, and the year."""
     names = [_last(person) for person in entry.persons.get("author", entry.persons.get("editor"))]
     if len(names) > 2 or names[-1] == "others":
-        authors = f"{names[0]} et al."
-    else:
-        authors = " and ".join(names)
-    doi, url = entry.fields.get("doi"), entry.fields.get("url", "")
-    return authors, entry.fields["year"], f"https://doi.org/{doi}" if doi else url
+        return f"{names[0]} et al.", entry.fields["year"]
+    return " and ".join(names), entry.fields["year"]
 
 
 def _last(person) -> str:

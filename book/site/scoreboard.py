@@ -6,11 +6,13 @@
 
 import json
 import math
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import nbformat
+from pages import notebooks
 
 from pypose_lite.teaching.claims import Claim, claims_in
 
@@ -54,12 +56,42 @@ def table(claims: Claims) -> str:
 
 
 def page_of(claims: Claims) -> str:
-    """The scoreboard in Markdown."""
-    rows = [COLUMNS, ["---"] * len(COLUMNS)]
-    for (chapter, _), claim in claims.items():
-        first, *rest = row(chapter, claim)
-        rows.append([f"[{first}]({first}.ipynb)", *rest])
+    """The scoreboard in Markdown: the paper's numbers beside ours, then all by page."""
+    reported = {key: claim for key, claim in claims.items() if claim.paper is not None}
+    parts = ["## Beside the paper", board(reported, ["claim", "paper", "here"], _beside)]
+    for page in dict.fromkeys(page for page, _ in claims):
+        parts += [f"## {title_of(page)}"]
+        own = {key: claim for key, claim in claims.items() if key[0] == page}
+        parts.append(board(own, ["claim", "value", "claimed"], _claimed))
+    return "\n\n".join(parts)
+
+
+def board(claims: Claims, head: list[str], columns: Callable[[Claim], list[str]]) -> str:
+    """A table of claims, each with a link to its cell."""
+    rows = [head, ["---"] * len(head)]
+    for (page, name), claim in claims.items():
+        rows.append([f'<a href="{page}.html#{anchor(name)}">{name}</a>', *columns(claim)])
     return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+
+
+def anchor(name: str) -> str:
+    """What a link to a claim's cell ends in."""
+    return f"claim-{name}"
+
+
+def title_of(page: str) -> str:
+    """The title of a page as it stands in its source."""
+    source = notebooks()[page].read_text() if page in notebooks() else ""
+    found = re.search(r"^# # (.+)$", source, re.MULTILINE)
+    return found[1] if found else page
+
+
+def _beside(claim: Claim) -> list[str]:
+    return [claim.reported, claim.number]
+
+
+def _claimed(claim: Claim) -> list[str]:
+    return [claim.number, claim.bound]
 
 
 def unrepeated(first: Claims, second: Claims) -> Iterator[str]:

@@ -12,6 +12,7 @@ import sys
 from fnmatch import fnmatch
 from pathlib import Path
 
+import api
 import contents
 import folds
 import jupytext
@@ -62,13 +63,23 @@ def stage(executed: Path, target: Path, only: str = "*") -> None:
     for page, path in texts().items():
         if fnmatch(page, only) or page in contents.BESIDE:
             text = linked(Numbers(page, claims, strict).fill(path.read_text()), page, on_site)
-            pages[f"{page}.md"] = text.replace("<!-- scoreboard -->", page_of(claims))
+            pages[f"{page}.md"] = with_lists(text, claims)
+    for page in api.pages():
+        if fnmatch(page, only):
+            pages[f"{page}.md"] = api.page(page)
     for path in [*(ROOT / "book").glob("*.bib"), *ROOT.glob("_config.yml")]:
         pages[path.name] = path.read_text()
     pages["_toc.yml"] = contents.of(only)
     put(pages, target)
     put(plain, target.with_name(f"{target.name}-notebooks"))
     shutil.copytree(ROOT / "book" / "site" / "static", target / "static", dirs_exist_ok=True)
+
+
+def with_lists(text: str, claims: dict) -> str:
+    """The text with the scoreboard and the list of modules where they belong."""
+    if "<!-- scoreboard -->" in text:
+        text = text.replace("<!-- scoreboard -->", page_of(claims))
+    return text.replace(api.LIST, api.modules()) if api.LIST in text else text
 
 
 def read(page: str, executed: Path) -> nbformat.NotebookNode:

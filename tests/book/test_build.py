@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-import equations
+import docstrings
 import execute
 import nbformat
 import pytest
@@ -87,10 +87,19 @@ def test_a_single_page_does_without_numbers_of_chapters_that_have_not_run():
         numbers.fill("{claim}`04_ekf.steps`")
 
 
-def test_the_scoreboard_lists_chapter_claim_paper_ours_bound_and_cell():
-    assert scoreboard.page_of(CLAIMS).splitlines()[2] == (
-        "| [03_mpc](03_mpc.ipynb) | error | 0.1803 m | 0.0543 m | below 0.058 m | 3 |"
-    )
+def test_the_scoreboard_begins_with_the_papers_numbers_and_goes_on_by_chapter():
+    link = '<a href="03_mpc.html#claim-error">error</a>'
+    lines = scoreboard.page_of(CLAIMS).splitlines()
+    assert [line for line in lines if line.startswith("#")] == [
+        "## Beside the paper",
+        f"## {scoreboard.title_of('03_mpc')}",
+        f"## {scoreboard.title_of('04_ekf')}",
+    ]
+    assert lines[4:6] == [f"| {link} | 0.1803 m | 0.0543 m |", ""]
+    assert f"| {link} | 0.0543 m | below 0.058 m |" in lines
+
+
+def test_the_printed_scoreboard_lists_chapter_claim_paper_ours_bound_and_cell():
     printed = scoreboard.table(CLAIMS).splitlines()
     assert printed[0].split() == ["chapter", "claim", "paper", "ours", "bound", "cell"]
     assert printed[2] == "03_mpc   steps            48        below 60       4"
@@ -152,13 +161,14 @@ def test_what_pytest_records_is_what_the_build_gathers(run_book, tmp_path):
     ("docstring", "literal"),
     [
         ("Returns x.\n\n    x = f(x) |h + k|   (1)\n    y = g(x)           (2)\n\nMore.", True),
+        ("Returns x.\n\n    J = sum_t 1/2 x' Q x\n\nMore.", True),
         ("Returns x.\n\n    a quotation (see page 1)\n\nMore.", False),
         ("Returns x.\n\nArgs:\n    x: the state (1)\n", False),
     ],
 )
-def test_numbered_equations_of_a_docstring_are_shown_as_written(docstring, literal):
+def test_equations_of_a_docstring_are_shown_as_written(docstring, literal):
     lines = docstring.split("\n")
-    equations.as_written(None, "function", "f", None, None, lines)
+    docstrings.as_written(None, "function", "f", None, None, lines)
     assert (lines[2:4] == ["::", ""]) is literal
     assert [line for line in lines if line != "::" and line] == [
         line for line in docstring.split("\n") if line

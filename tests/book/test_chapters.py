@@ -3,17 +3,18 @@
 import subprocess
 from pathlib import Path
 
+import api
+import contents
 import jupytext
 import pytest
-import yaml
+from pages import notebooks, texts
 from small_books import CLAIM, ERROR, FIGURE, PROSE
 
 from pypose_lite.teaching.proofread import OLD_FORM, shared_headings
 
 ROOT = Path(__file__).parents[2]
 CHAPTERS = sorted((ROOT / "book").glob("*.py"))
-TOC = yaml.safe_load((ROOT / "_toc.yml").read_text())
-LISTED = {TOC["root"], *(c["file"] for part in TOC["parts"] for c in part["chapters"])}
+LISTED = set(contents.names())
 
 BOOK = {
     "good.py": FIGURE + CLAIM.format(0.5),
@@ -69,8 +70,18 @@ def test_a_chapter_is_on_the_site(path):
 
 
 def test_the_table_of_contents_names_pages_that_exist():
-    pages = {path.stem for path in (ROOT / "book").iterdir() if path.suffix in (".py", ".md")}
-    assert pages >= LISTED
+    assert {*notebooks(), *texts(), *api.pages()} >= LISTED
+
+
+def test_a_lab_follows_its_lesson_and_solutions_have_a_part_of_their_own():
+    names = contents.names()
+    for page in notebooks():
+        if page.startswith("exercises/"):
+            assert names.index(page) == names.index(page.removeprefix("exercises/")) + 1
+    solutions = [name for name in names if name.startswith("solutions/")]
+    first = names.index(solutions[0])
+    assert names[first : first + len(solutions)] == solutions
+    assert set(solutions) == {page for page in notebooks() if page.startswith("solutions/")}
 
 
 def test_no_notebook_is_kept_in_git():

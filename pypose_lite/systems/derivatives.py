@@ -22,7 +22,7 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
         function: maps ``(..., n), (..., m)`` to ``(..., p)``.
         x: ``(..., n)``.
         u: ``(..., m)``, of the same batch.
-        wrt: ``"x"`` leaves out the last result.
+        wrt: ``"x"`` leaves out ``dy/du``.
     """
     y = function(x, u)
     if inside_transform(y):
@@ -52,7 +52,7 @@ def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor
 
 
 def _copies(z: Tensor, count: int, graph: bool) -> Tensor:
-    """Returns count copies of z that can be differentiated by."""
+    """Returns ``(count, ..., n)``: copies of z, by which their images can be differentiated."""
     z = z.expand(count, *z.shape)
     return z if graph and z.requires_grad else z.detach().requires_grad_()
 
@@ -65,13 +65,14 @@ def _unit_rows(y: Tensor) -> Tensor:
 
 
 def _pull_back(y: Tensor, given: list[Tensor], v: Tensor, graph: bool) -> tuple[Tensor, ...]:
+    """Returns v times the Jacobian of y by each given tensor; zeros where y does not depend."""
     if not y.requires_grad:
         return tuple(torch.zeros_like(z) for z in given)
     return torch.autograd.grad(y, given, v, create_graph=graph, materialize_grads=True)
 
 
 def transformed(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Tensor, ...]:
-    """Returns what :func:`jacobians` does, by ``torch.func``: inside transforms, and compiled."""
+    """Returns what :func:`jacobians` does, by ``torch.func``, where y is inside one of these."""
     y, pull = torch.func.vjp(function, x, u)[:2]
     if y.shape[:-1] != x.shape[:-1]:
         x, u = (z.expand(*y.shape[:-1], -1) for z in (x, u))
@@ -81,7 +82,7 @@ def transformed(function: Callable, x: Tensor, u: Tensor, wrt: str) -> tuple[Ten
 
 
 def transformed_hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor:
-    """Returns :func:`hessian` by torch's transforms."""
+    """Returns what :func:`hessian` does, by ``torch.func``, where x, u or weights are inside it."""
 
     def slope(x, u):
         return torch.cat(torch.func.vjp(function, x, u)[1](weights), -1)

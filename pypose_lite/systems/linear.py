@@ -12,7 +12,7 @@ from .system import System
 
 
 class LTI(System):
-    """A linear system that stays: ``x' = A x + B u + c1``, ``y = C x + D u + c2``.
+    """A linear system: ``x' = A x + B u + c1``, ``y = C x + D u + c2`` at every step.
 
     Args:
         A: ``(..., n, n)``.
@@ -46,7 +46,7 @@ class LTI(System):
     c2 = property(lambda self: self._c2, doc="Constant of the observation, (..., p), or None.")
 
     def check_point(self, name, state, input=None):
-        """Returns n and m, which are those of A and B; see :meth:`System.check_point`."""
+        """Returns the sizes n and m, or says what does not fit A and B; see `System`."""
         return check(f"A: n n, B: n m, {name}: n, input: m", self.A, self.B, state, input)
 
     def set_refpoint(self, state=None, input=None, t=None) -> Self:
@@ -62,7 +62,7 @@ class LTI(System):
         return _affine(self.C, state, self.D, input, self.c2)
 
     def expand_transition(self, x, u, t=None):
-        """Returns ``f``, ``A``, ``B``, and zeros for costates: a linear system has no curvature."""
+        """Returns f, A, B and a function that answers zeros: a linear system has no curvature."""
         size = x.shape[-1] + u.shape[-1]
 
         def curve(costate):
@@ -88,11 +88,12 @@ class LTI(System):
 
 
 class LTV(LTI):
-    """A linear system that changes: ``x' = A_t x + B_t u + c1_t``, ``y = C_t x + D_t u + c2_t``.
+    """A linear system with other matrices at each step: ``x' = A_t x + B_t u + c1_t``, and so on.
 
-    A subclass gives the matrices of the current step as properties that read ``self._t``; what
-    the constructor is given waits in ``self._A`` to ``self._c2``, in any layout. Without such
-    properties the matrices are ``(..., T, rows, columns)`` and the step is counted modulo T.
+    Its matrices are ``(..., T, rows, columns)``, ``c1`` and ``c2`` ``(..., T, rows)``, one for each
+    step; after T steps they begin anew. A subclass may compute them instead, as properties ``A``
+    to ``c2`` that read ``self.systime``; what the constructor is given is then kept as it is, in
+    ``self._A`` to ``self._c2``, for them to use.
     """
 
     def __init__(self, A=None, B=None, C=None, D=None, c1=None, c2=None):

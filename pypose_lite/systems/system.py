@@ -40,11 +40,15 @@ class Linearization(NamedTuple):
 class System(nn.Module):
     """A discrete-time dynamical system; subclasses write its two functions.
 
-    A function may be written for one sample, ``state (n,)`` and ``input (m,)``: batches are then
-    mapped over it. A subclass whose functions handle leading dimensions themselves may say
-    ``vectorized = True``, which is faster and lets its parameters have a batch of their own; its
-    ``t`` then comes as ``(..., 1)``, like a state. One that says ``sizes = {"n": 4, "m": 2}`` has
-    other shapes refused by name.
+    A function may be a method, or any callable that is assigned to its name. It is given the time
+    step where it asks for it: by an argument called ``t`` or ``time``, or by a third one without a
+    default. It may be written for one sample, ``state (n,)`` and ``input (m,)``: it is then mapped
+    over batches, and a warning says where that takes a loop.
+
+    A subclass whose functions handle leading dimensions themselves may say ``vectorized = True``,
+    which is faster and lets its parameters have a batch of their own; its ``t`` then comes as
+    ``(..., 1)``, like a state. One that says ``sizes = {"n": 4, "m": 2}`` has other shapes refused
+    by name.
 
     Source: "PyPose v0.6", section III-A, equations (1).
     """
@@ -153,11 +157,14 @@ class System(nn.Module):
         return y, *slopes
 
     def expand_transition(self, x, u, t=None) -> tuple[Tensor, Tensor, Tensor, Callable]:
-        """Returns f, A and B, without a graph, and a function for f's second derivative.
+        """Returns ``f(x, u, t)``, A and B, and a function for f's second derivative; no graph.
 
-        That takes costates ``(..., n)``, and returns the second derivative of
+        The function takes costates ``(..., n)`` and returns the second derivative of
         ``costate' f(x, u, t)`` with respect to ``[x, u]``, ``(..., n+m, n+m)``: what Newton's
-        method adds to Gauss and Newton's. Errors are those of `linearize`, for both derivatives.
+        model of a cost has beyond Gauss-Newton's.
+
+        Raises:
+            ValueError: where a first or a second derivative is not finite though f is.
         """
         name, t = "state_transition", self._time(t)
         with torch.no_grad():
@@ -182,7 +189,7 @@ class System(nn.Module):
         return check(f"{name}: n, input: m", state, input, **self.sizes)
 
     def mapped(self, name: str, t: Time = None) -> Callable:
-        """Returns ``(x, u) -> f(x, u, t)`` for any batch, however f is written.
+        """Returns ``(x, u) -> f(x, u, t)`` for any batch, however the user has written f.
 
         Args:
             name: that of f, ``state_transition`` or ``observation``.

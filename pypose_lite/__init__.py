@@ -45,13 +45,13 @@ if TYPE_CHECKING:
     )
     from .linalg import bmv, bvmv, bvv
     from .splines import bspline, chspline, local_plan, planner
-    from .systems import LTI, LTV, NLS, CartPole, DubinsCar, Linearization, Pendulum, System
+    from .systems import LTI, LTV, NLS, CartPole, DubinsCar, Legs, Linearization, Pendulum, System
 
 __version__ = "0.1.0"
 
 _ROOMS = {
     "systems": ["System", "NLS", "LTI", "LTV", "Linearization"]
-    + ["DubinsCar", "Pendulum", "CartPole"],
+    + ["DubinsCar", "Legs", "Pendulum", "CartPole"],
     "control": ["LQR", "MPC", "Plan", "dlqr", "input_rates", "shift"],
     "filters": ["EKF", "UKF", "PF", "smooth"],
     "lie": ["SO3", "so3", "SE3", "se3", "LieTensor"]

@@ -4,8 +4,18 @@ Chapter 1 builds :class:`System` from scratch.
 """
 
 from .linear import LTI, LTV
-from .models import CartPole, DubinsCar, Pendulum
+from .models import CartPole, DubinsCar, Legs, Pendulum
 from .nonlinear import NLS
 from .system import Linearization, System
 
-__all__ = ["LTI", "LTV", "NLS", "CartPole", "DubinsCar", "Linearization", "Pendulum", "System"]
+__all__ = [
+    "LTI",
+    "LTV",
+    "NLS",
+    "CartPole",
+    "DubinsCar",
+    "Legs",
+    "Linearization",
+    "Pendulum",
+    "System",
+]

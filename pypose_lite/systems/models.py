@@ -1,4 +1,4 @@
-"""The systems of the book and its exercises: a Dubins car, a pendulum, a cart with a pole.
+"""The systems of the book: a Dubins car, one on legs, a pendulum, a cart with a pole.
 
 Each parameter may be a number, a tensor or an ``nn.Parameter``, and may then be learned.
 """
@@ -45,6 +45,34 @@ class DubinsCar(NLS):
     def observation(self, state, input, t=None):
         """Returns the state itself: all of it is seen."""
         return state
+
+
+class Legs(DubinsCar):
+    """A car whose speeds follow what it is told late, as legs do: ``[i, j, cos, sin, v, w]``.
+
+    The input ``[v, phi]`` is where its speed v (m/s) and its turn rate w (rad/s) are on their way
+    to, each by ``lag`` dv/dt = u - v; with the speeds at the end of the step the car then moves:
+
+        v' = u + exp(-dt / lag) (v - u)      (1)
+        i', j', theta' = car(i, j, theta, v')      (2)
+
+    Args:
+        dt: seconds a step takes.
+        slip: as of the car.
+        lag: the time constant, seconds, > 0.
+    """
+
+    sizes = {"n": 6, "m": 2}
+
+    def __init__(self, dt=0.1, slip=0.0, lag=0.15):
+        super().__init__(dt, slip)
+        self.lag = lag
+
+    def state_transition(self, state, input, t=None):
+        """Returns the state ``(..., 6)`` after one step."""
+        rest = torch.exp(-self.dt / torch.as_tensor(self.lag, dtype=state.dtype))
+        v = input + rest * (state[..., 4:] - input)  # (1)
+        return torch.cat([super().state_transition(state[..., :4], v), v], dim=-1)  # (2)
 
 
 class Pendulum(NLS):

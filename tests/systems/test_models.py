@@ -12,7 +12,7 @@ from torch.autograd import gradcheck
 import pypose_lite as pp
 
 pytestmark = pytest.mark.usefixtures("float64")
-MODELS = [pp.DubinsCar, pp.Pendulum, pp.CartPole]
+MODELS = [pp.DubinsCar, pp.Legs, pp.Pendulum, pp.CartPole]
 
 
 def sample(g, model, *lead):
@@ -54,6 +54,24 @@ def test_the_car_needs_no_unit_heading_and_returns_one(g):
 def test_the_car_is_seen_as_it_was_before_the_step(g):
     x, u = sample(g, pp.DubinsCar, 3)
     close(pp.DubinsCar()(x, u)[1], x, 0)
+
+
+def test_legs_get_to_their_speeds_as_the_equation_of_a_lag_says(g):
+    """The exact solution of lag dv/dt = u - v, after each of 30 steps; then the car moves by v."""
+    legs, car, lag = pp.Legs(dt=0.04, lag=0.3), pp.DubinsCar(dt=0.04), 0.3
+    x, u = draw(g, 6), draw(g, 2)
+    start, seen = x[4:], x
+    for step in range(1, 31):
+        seen, before = legs(seen, u)[0], seen
+        v = u + math.exp(-0.04 * step / lag) * (start - u)
+        close(seen[4:], v)
+        close(seen[:4], car(before[:4], v)[0])
+
+
+def test_a_lag_can_be_learned(g):
+    lag = torch.tensor(0.2, requires_grad=True)
+    x, u = draw(g, 6), draw(g, 2)
+    assert gradcheck(lambda lag: pp.Legs(0.1, lag=lag)(x, u)[0], lag)
 
 
 def test_a_short_pendulum_step_follows_the_equation_of_motion(g):
@@ -101,7 +119,7 @@ def test_a_cart_pole_step_is_explicit_euler_on_lagranges_equations(g):
 def test_each_parameter_may_be_learned(g, model):
     x, u = sample(g, model, 2)
     names = [name for name in vars(model()) if not name.startswith("_") and name != "training"]
-    assert len(names) == {"DubinsCar": 2, "Pendulum": 5, "CartPole": 5}[model.__name__]
+    assert len(names) == {"DubinsCar": 2, "Legs": 3, "Pendulum": 5, "CartPole": 5}[model.__name__]
     values = [torch.tensor(float(getattr(model(), name)), requires_grad=True) for name in names]
     assert gradcheck(lambda *values: model(*values)(x, u)[0], values)
     learned = model(**{names[1]: torch.nn.Parameter(values[1].detach())})

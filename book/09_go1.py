@@ -140,7 +140,8 @@ widgets.live(
 # %%
 wifi = go1.Simulation(faults=go1.Faults(loss=0.05, delay=0.05))
 with go1.connect("sim", start=START, simulation=wifi) as robot:
-    stuck = infinity.drive(walks, infinity.RealRobot(robot), tolerance=0.15, steps=100)
+    world = infinity.RealRobot(robot)
+    stuck = infinity.drive(walks, world, tolerance=0.15, steps=100)
 fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.7), width_ratios=[1.6, 1])
 plotting.plot_waypoints(plotting.infinity_axes(left), W, "targets")
 plotting.plot_states(left, stuck.x, label="observations")
@@ -191,7 +192,7 @@ for (a, b), count in arrows.items():
     ax.text(x + 0.02, y + 0.18 * right, f"{count} ×", size=9, va="center")
 ax.set(xlim=(0, 1), ylim=(-0.4, 2.5), frame_on=False, xticks=[], yticks=[])
 plt.show()
-claim("turns", arrows["wait", "pose"], equals=lap.steps)
+claim("turns", arrows["wait", "pose"], equals=int(lap.steps))
 claim("ways_out", arrows["pose", "stop"], equals=1)
 claim("arrows", len(arrows), equals=4)
 
@@ -482,22 +483,16 @@ claim("misfit", noise, below=0.012)
 # ## On the infinity
 #
 # Put both numbers into the planner. The legs get two states of their own, the speed and the turn
-# rate that they have by now, and chapter 3's MPC takes the longer model as it is. The delay becomes
+# rate that they have by now, as the library's `Legs` has them, and chapter 3's MPC takes the longer
+# model as it is. The delay becomes
 # a list of the plans so far, which begins with plans to stand: the first inputs of the latest were
 # sent, and have not shown yet. The next plan starts where those will have led.
 
 
 # %%
-class Legs(pp.NLS):
-    """A car whose speeds follow the input; its state is [i, j, cos, sin, v, w]."""
-
-    def state_transition(self, state, input, t=None):
-        v = input + torch.exp(-dt / lag) * (state[..., 4:] - input)
-        return torch.cat([mpc.system.state_transition(state[..., :4], v), v], dim=-1)
-
-
+print(inspect.getsource(pp.Legs.state_transition))
 weights = torch.tensor([1, 1, 0.3, 0.3, 0, 0, 0.01, 0.01])
-legs = pp.MPC(Legs(), weights.diag(), None, 10, mpc.stepper)
+legs = pp.MPC(pp.Legs(dt, lag=lag), weights.diag(), None, 10, mpc.stepper)
 
 
 def knows(robot, plans, late, dt, x, target):
@@ -577,8 +572,10 @@ class Seen(Watched):
         self.x, self.P = self.ekf(self.x, y, u, self.P)
 
 
-# %%
 drifts = go1.Simulation(numbers=go1.Numbers(scale=1.03, yaw_drift=math.radians(1)))
+
+
+# %%
 laps, (camera, first) = [], (torch.Generator().manual_seed(seed) for seed in (0, 1))
 noise = {"process_noise": 0.01, "observation_noise": 0.01, "generator": first}
 for kind, ekf in [(Watched, None), (Seen, None), (Watched, pp.EKF(pp.DubinsCar(dt)))]:

@@ -28,7 +28,7 @@ from .robot import Line, Robot
 from .safety import rules, signals
 from .safety.clocks import SteppedClock, WallClock
 from .safety.guardian import Guardian
-from .safety.limits import Gait
+from .safety.limits import Gait, Mode
 from .safety.pilot import Pilot
 from .safety.rules import Area, Motion, Pose
 from .simulator.body import STEP
@@ -57,6 +57,7 @@ def connect(
     overwrite: bool = False,
     realtime: bool | None = None,
     simulation: Simulation | None = None,
+    limp: bool = False,
 ) -> Robot:
     """A robot that stands still and has told where it is.
 
@@ -80,6 +81,7 @@ def connect(
             default), its time passes in `wait` alone, as fast as the computer goes and the same
             every time.
         simulation: of "sim": its model, seed, numbers and faults.
+        limp: the emergency: the legs are to go limp from the first packet on, before any answer.
 
     Raises:
         RobotTimeout: no state came; it says what did come.
@@ -96,6 +98,8 @@ def connect(
             line = _on_udp(address, rate, command_timeout, closers)
         else:
             line = _in_memory(address, rate, bool(realtime), simulation, closers)
+        if limp:
+            pilot.halt(Mode.DAMP)
         robot = Robot(address, line, pilot, Gait[gait.upper()], book, closers)
         if line.guardian is not None:  # a real robot: it is stopped however the program ends
             atexit.register(robot.close)

@@ -1,9 +1,11 @@
 """The walk of the infinity, by the same closed loop that drives the simulated car.
 
 The robot is asked for its pose, the MPC plans along the curve at walking speed, the first motion of
-the plan is sent. What is sent now shows in the pose only later (network, legs, sensors), so the
-MPC is told where the robot will be by then: the pose, rolled forward by what was sent meanwhile.
-Chapter 9 shows what happens without that.
+the plan is sent. What is sent now shows in the pose only later: packets take their `delay`, and
+legs follow with a `lag`. So the planner has the legs in its model (`systems.Legs`), and begins
+where the robot will be when the motion that it plans arrives: with the pose and the speeds that the
+robot reports, moved on by what was sent meanwhile. Chapter 9 finds both numbers in a log, and shows
+what happens without them.
 """
 
 import math
@@ -20,6 +22,8 @@ if TYPE_CHECKING:  # torch and the control code are loaded when a walk begins
     from ..infinity import Run
 
 START = (0.0, 0.0, -math.pi / 2)  # where the infinity begins, and which way
+AREA = (-2.75, 2.75, -1.75, 1.75)  # m: the infinity and 0.75 m around it
+LENGTH = 4 * math.pi  # m
 FASTEST_TURN = 1.2  # rad/s
 STEP = 0.1  # s, of the loop
 SLOWEST, LONGEST = 0.02, 3.0  # m/s and s: who plans no more than that for so long is stuck
@@ -28,46 +32,36 @@ SLOWEST, LONGEST = 0.02, 3.0  # m/s and s: who plans no more than that for so lo
 def walk(
     robot: Robot,
     speed: float = 0.4,
-    delay: float = 0.2,
+    delay: float = 0.1,
+    lag: float = 0.15,
     report: Callable[[int], None] = lambda waypoint: None,
 ) -> "Run":
     """Walks once around the infinity, and returns the run as the robot itself saw it.
 
     Args:
         robot: stands where the curve begins (`connect(start=START)`).
-        speed: m/s, along the curve.
-        delay: s, from a motion sent to a pose that shows it: network, lag and loop.
+        speed: m/s, along the curve, and never faster.
+        delay: s, from a motion sent to a pose that knows of it, there and back.
+        lag: s, the time constant with which the legs follow.
         report: told the number of the next waypoint, 1 to 16, in every step.
 
     Raises:
         RobotTimeout: the robot fell silent.
+        RobotStopped: a safety rule has stopped it.
         Stuck: the plan is to stand, and it is not there yet.
     """
     import torch
 
     from .. import infinity
-    from ..splines import local_plan
-    from ..systems import DubinsCar
-    from ..utils import ReduceToBason
 
-    car = DubinsCar(dt=STEP)
-    path, mpc = infinity.waypoints(), infinity.controller(car)
-    mpc.stepper = ReduceToBason(steps=2)  # a plan that starts from the last one is soon good
-    spacing = speed * STEP
-
-    def aim(x: "Tensor", waypoint: "Tensor") -> "Tensor":
-        report(int(waypoint))
-        return local_plan(x, path, waypoint, spacing, mpc.T + 1)[..., 1:, :]
-
-    mpc.register_forward_hook(Patience())
-    fastest = torch.tensor([1.25 * speed, FASTEST_TURN], dtype=path.dtype)
+    guide = Guide(robot, speed, delay, lag, report)
+    fastest = torch.tensor([speed, FASTEST_TURN])
     with torch.no_grad():
         return infinity.drive(
-            mpc,
+            guide,
             infinity.RealRobot(robot, STEP),
-            estimator=Ahead(car, 1 + round(delay / STEP)),
-            aim=aim,
-            steps=math.ceil(3 * infinity.LENGTH / spacing),
+            aim=guide.aim,
+            steps=math.ceil(3 * LENGTH / (speed * STEP)),
             u_lower=fastest * torch.tensor([0.0, -1.0]),
             u_upper=fastest,
         )
@@ -77,38 +71,61 @@ class Stuck(RuntimeError):
     """The robot has passed a waypoint by too far, and its planner knows no way back."""
 
 
-class Ahead:
-    """Where a car will be when what is sent now shows: an estimator for `infinity.drive`.
+class Guide:
+    """What `infinity.drive` asks for where to aim, and then for a plan.
 
     Args:
-        car: the system that moves.
-        steps: how many inputs are on their way, the present one among them, 1 or more.
+        robot: which says how fast it is.
+        speed: and the others, as of `walk`.
+        delay: of the packets.
+        lag: of the legs.
+        report: told the next waypoint.
     """
 
-    def __init__(self, car: Any, steps: int) -> None:
-        self._car, self._steps, self._sent = car, steps, list[Any]()
+    def __init__(
+        self, robot: Robot, speed: float, delay: float, lag: float, report: Callable[[int], None]
+    ) -> None:
+        import torch
 
-    def __call__(self, x: Any, y: Any, u: Any, P: Any, Q: Any, R: Any) -> tuple[Any, Any]:
-        """The observation y, rolled forward by the inputs on their way; P as it is."""
-        self._sent = [*self._sent, u][-self._steps :]
-        for sent in self._sent:
-            y = self._car.state_transition(y, sent)
-        return y, P
+        from .. import control, infinity, systems, utils
 
-
-class Patience:
-    """A hook of an MPC: raises Stuck when every plan of the last seconds was to rest."""
-
-    def __init__(self) -> None:
+        self._robot, self._report, self._spacing = robot, report, speed * STEP
+        weights = torch.diag(torch.tensor([1, 1, 0.3, 0.3, 0, 0, 0.01, 0.01]))
+        steps = utils.ReduceToBason(steps=2)  # a plan that starts from the last one is soon good
+        self._mpc = control.MPC(systems.Legs(STEP, lag=lag), weights, None, 10, steps)
+        self._path, self._late = infinity.waypoints(), round(delay / STEP)
+        self._sent: list[Tensor] = []
+        self._plan = torch.zeros(self._mpc.T, 2)
         self._resting = 0  # plans in a row
 
-    def __call__(self, mpc: Any, asked: tuple, plan: tuple) -> None:
-        """Sees the plan's states, inputs and cost."""
-        self._resting = self._resting + 1 if plan[1][0, 0] < SLOWEST else 0
+    def aim(self, x: "Tensor", waypoint: "Tensor") -> "Tensor":
+        """The states to follow, from where the robot will be when the next motion arrives."""
+        import torch
+
+        from ..splines import local_plan
+
+        self._robot.target = int(waypoint)
+        self._report(int(waypoint))
+        state = self._robot.state
+        self._from = torch.cat([x, x.new_tensor([state.velocity[0], state.yaw_speed])])
+        for sent in self._sent[len(self._sent) - self._late :]:  # on their way
+            self._from = self._mpc.system.state_transition(self._from, sent)
+        ahead = local_plan(self._from[:4], self._path, waypoint, self._spacing, self._mpc.T)
+        return torch.cat([ahead, torch.zeros(self._mpc.T, 2)], dim=-1)
+
+    def __call__(self, dt: float, x: "Tensor", target: "Tensor", **bounds: Any) -> tuple:
+        """The plan that follows the target: states, inputs and cost."""
+        from ..control import shift
+
+        plan = self._mpc(dt, self._from, target, shift(self._plan), **bounds)
+        self._plan = plan[1]
+        self._sent.append(self._plan[0])
+        self._resting = self._resting + 1 if self._plan[0, 0] < SLOWEST else 0
         if self._resting > LONGEST / STEP:
             raise Stuck(
                 "it is stuck: a waypoint was passed by too far. Walk slower, or mend --delay"
             )
+        return plan
 
 
 def draw(rows: list[Row], path: str | Path) -> None:

@@ -3,62 +3,107 @@ import torch
 from go1_helpers import velocity
 
 from pypose_lite import go1, infinity
-from pypose_lite.go1 import __main__ as program
-from pypose_lite.go1.walk import LONGEST, START, Ahead, Stuck, walk
-from pypose_lite.systems import DubinsCar
+from pypose_lite.go1.walk import AREA, LENGTH, LONGEST, START, STEP, Guide, Stuck, draw, walk
+from pypose_lite.systems import Legs
 
 
 @pytest.mark.parametrize(
     ("faults", "delay"),
-    [
-        ({"loss": 0.05, "delay": 0.05}, 0.2),
-        ({"loss": 0.3, "delay": 0.2}, 0.5),
-    ],
+    [({"loss": 0.05, "delay": 0.05}, 0.1), ({"loss": 0.3, "delay": 0.2}, 0.4)],
     ids=["5 % loss and 50 ms", "30 % loss and 200 ms"],
 )
-def test_the_dog_visits_all_waypoints_over_a_bad_line(watch, faults, delay):
-    seen = watch(seed=1, start=START, speed_limit=0.5, **faults)
-    run = walk(seen.robot, delay=delay)
+def test_the_dog_visits_all_waypoints_over_a_bad_line_at_the_speed_that_was_said(
+    watch, faults, delay
+):
+    seen = watch(seed=1, start=START, area=AREA, speed_limit=0.4, **faults)
+    begun = seen.now()
+    run = walk(seen.robot, 0.4, delay)
     assert bool(run.finished)
-    assert infinity.tracking_error(run.x).mean() < 0.04
+    assert infinity.tracking_error(run.x).mean() < 0.01
     near = torch.cdist(run.x[:, :2], infinity.waypoints()[:, :2]).amin(0)
-    assert near.max() < 2 * infinity.TOLERANCE
+    assert near.max() < infinity.TOLERANCE
+    assert seen.now() - begun == pytest.approx(LENGTH / 0.4, rel=0.1)
     forward, left, turn = torch.tensor([velocity(c) for _, c in seen.told]).unbind(-1)
-    assert forward.min() >= 0 and forward.max() <= 0.5 + 1e-6
+    assert forward.min() >= 0 and forward.max() <= 0.4 + 1e-6
     assert turn.abs().max() <= 1.2 + 1e-6 and left.abs().max() == 0
+    assert seen.robot.events == []  # nothing was clamped, nothing was stopped
     # what was told was asked: nothing is made up on the way
     asked = {tuple(round(n, 5) for n in velocity(command)) for _, command in seen.sent}
     told = {tuple(round(n, 5) for n in velocity(command)) for _, command in seen.told}
     assert told <= asked | {(0.0, 0.0, 0.0)}
 
 
-def test_a_dog_that_has_missed_a_waypoint_is_not_left_standing_for_ever(watch):
-    seen = watch(start=START, speed_limit=1.0, ignore={"jump", "motion"})
+def test_the_length_of_the_infinity_is_the_examples():
+    assert LENGTH == infinity.LENGTH
+    curve = infinity.reference(torch.linspace(0, LENGTH, 1000))
+    assert AREA[0] <= curve[:, 0].min() - 0.7 and AREA[1] >= curve[:, 0].max() + 0.7
+    assert AREA[2] <= curve[:, 1].min() - 0.7 and AREA[3] >= curve[:, 1].max() + 0.7
 
-    def carried_away(waypoint):
-        """It slips sideways out of the tolerance, just before the third waypoint."""
-        if waypoint == 3 and not carried:
-            x, y, heading = seen.robot.simulator.dog._odometry
-            seen.robot.simulator.dog._odometry = x, y + 3.0, heading
-            carried.append(seen.now())
 
-    carried = []
+def test_a_planner_that_knows_no_way_on_is_not_left_standing_for_ever(watch):
+    """Every plan is to rest: after three seconds of that it is said."""
+    robot = watch(start=START).robot
+    guide = Guide(robot, 0.4, 0.1, 0.15, lambda waypoint: None)
+    rest = torch.zeros(11, 6), torch.zeros(10, 2), torch.tensor(0.0)
+    guide._mpc.forward = lambda *arguments, **bounds: rest
+    x, target = infinity.waypoints()[0], guide.aim(infinity.waypoints()[0], torch.tensor(1))
+    for _ in range(round(LONGEST / STEP)):
+        guide(STEP, x, target)
     with pytest.raises(Stuck, match="Walk slower"):
-        walk(seen.robot, 0.8, report=carried_away)
-    assert LONGEST < seen.now() - carried[0] < 30
+        guide(STEP, x, target)
+
+
+def test_the_plan_begins_where_the_robot_will_be(watch):
+    """The state that the planner starts from, against the legs' model applied by hand."""
+    robot = watch(start=START).robot
+    guide, legs = Guide(robot, 0.4, 0.2, 0.3, lambda waypoint: None), Legs(STEP, lag=0.3)
+    x = infinity.waypoints()[0]
+    sent = []
+    for _ in range(4):
+        with torch.no_grad():
+            target = guide.aim(x, torch.tensor(1))
+            sent.append(guide(STEP, x, target)[1][0])
+        robot.wait(STEP)
+    state = robot.state
+    guide.aim(x, torch.tensor(1))
+    expected = torch.cat([x, torch.tensor([state.velocity[0], state.yaw_speed])])
+    for u in sent[-2:]:
+        expected = legs(expected, u)[0]
+    assert torch.allclose(guide._from, expected, atol=1e-6)
+
+
+def test_the_log_knows_which_waypoint_was_aimed_at(tmp_path):
+    log = tmp_path / "run.csv"
+    with go1.connect("sim", start=START, log=log) as robot:
+        walk(robot, 0.8)
+    targets = [row.target for row in go1.read_log(log)]
+    assert targets == sorted(targets) and set(targets) == set(range(17))
+
+
+@pytest.mark.parametrize(
+    ("mishap", "why"),
+    [
+        ({"numbers": go1.Numbers(scale=0.0)}, "forward: asked for"),
+        ({"leaning": (0.0, 1.5)}, "it leans"),
+        ({"_odometry": (40.0, 40.0, 0.0)}, "the pose jumped"),
+    ],
+    ids=["its position stays", "it falls", "its odometry restarts"],
+)
+def test_a_walk_is_stopped_when_the_robot_does_something_else(watch, mishap, why):
+    seen = watch(start=START, area=AREA)
+    stopped = []
+
+    def befall(waypoint):
+        if waypoint == 2 and not stopped:
+            for name, value in mishap.items():
+                setattr(seen.robot.simulator.dog, name, value)
+            stopped.append(seen.now())
+
+    with pytest.raises(go1.RobotStopped, match=why):
+        walk(seen.robot, report=befall)
+    assert seen.now() - stopped[0] < 2.0
     seen.robot.wait(0.1)
     assert velocity(seen.sent[-1][1]) == (0.0, 0.0, 0.0)
-
-
-def test_the_pose_is_rolled_forward_by_what_is_on_its_way():
-    car, inputs = DubinsCar(), torch.tensor([[0.3, 0.1], [0.4, -0.2], [0.5, 0.6]])
-    y, P = torch.tensor([1.0, 2.0, 0.6, 0.8]), torch.eye(4)
-    ahead = Ahead(car, 2)
-    for u in inputs[:2]:
-        ahead(None, y, u, P, None, None)
-    told, covariance = ahead(None, y, inputs[2], P, None, None)
-    expected = car(car(y, inputs[1])[0], inputs[2])[0]
-    assert torch.equal(told, expected) and covariance is P
 
 
 @pytest.mark.parametrize(
@@ -80,77 +125,9 @@ def test_a_robot_whose_state_is_old_should_not_walk(watch):
     ]
 
 
-def test_the_program_walks_and_leaves_a_log_and_a_picture(tmp_path, capsys):
-    log, picture = tmp_path / "run.csv", tmp_path / "run.png"
-    status = program.main(
-        ["walk", "--speed-limit", "1", "--log", str(log), "--picture", str(picture)]
-    )
-    said = capsys.readouterr().out
-    assert status == 0
-    assert "battery 89 %" in said and "17 of 17 waypoints" in said
-    assert [f"waypoint {number:2d} of 17" in said for number in range(2, 18)] == [True] * 16
-    rows = go1.read_log(log)
-    assert max(row.command_v for row in rows) <= 1.0 + 1e-6 and rows[-1].command_v == 0.0
-    assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.fixture
-def on_udp(monkeypatch, tmp_path):
-    """The program with a simulated robot behind an address of a real one; runs only its talk."""
-    walks = []
-
-    def connected(options):
-        robot = go1.connect(start=START)
-        robot.address = "udp://192.168.123.161:8082"
-        return robot
-
-    def pretended(robot, *arguments):
-        walks.append(robot)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(program, "_connected", connected)
-    monkeypatch.setattr(program, "walk", pretended)
-    monkeypatch.setattr(program, "_tell", lambda options: None)
-
-    def run(*arguments):
-        return program.main(["walk", *arguments]), bool(walks)
-
-    return run
-
-
-@pytest.mark.parametrize(
-    ("answer", "walks"), [("y", True), ("YES", True), ("n", False), ("", False), ("maybe", False)]
-)
-def test_a_real_robot_walks_only_when_somebody_says_yes(on_udp, monkeypatch, capsys, answer, walks):
-    asked = []
-    monkeypatch.setattr("builtins.input", lambda text: asked.append(text) or answer)
-    assert on_udp() == ((130 if walks else 1), walks)
-    assert asked == ["Walk? [y/N] "]
-    said = capsys.readouterr().out
-    assert "3 m to each side" in said and "0.5 m/s" in said
-    assert ("you said no" in said) == (not walks)
-
-
-def test_a_real_robot_does_not_walk_when_nobody_can_answer(on_udp, monkeypatch, capsys):
-    def nobody(text):
-        raise EOFError
-
-    monkeypatch.setattr("builtins.input", nobody)
-    assert on_udp() == (1, False)
-    assert "--yes walks without asking" in capsys.readouterr().out
-
-
-def test_yes_walks_without_asking(on_udp):
-    assert on_udp("--yes") == (130, True)
-
-
-def test_without_matplotlib_the_program_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr(program.importlib.util, "find_spec", lambda name: None)
-    assert program.main(["walk"]) == 2
-    assert "pip install 'pypose_lite[book]', or --no-picture" in capsys.readouterr().out
-
-
-def test_an_address_that_fits_nothing_is_told_without_a_traceback(tmp_path, capsys):
-    log = str(tmp_path / "run.csv")
-    assert program.main(["walk", "--robot", "tcp://x", "--log", log]) == 1
-    assert "address: expected 'sim'" in capsys.readouterr().out
+def test_a_picture_shows_poses_and_targets(tmp_path):
+    path = tmp_path / "run.png"
+    with go1.connect("sim", log=tmp_path / "run.csv") as robot:
+        robot.wait(0.5)
+    draw(go1.read_log(tmp_path / "run.csv"), path)
+    assert path.read_bytes().startswith(b"\x89PNG")

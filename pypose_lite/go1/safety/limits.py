@@ -81,7 +81,7 @@ def vet(command: HighCmd) -> tuple[HighCmd, list[str]]:
 def slower(command: HighCmd, limit: float) -> HighCmd:
     """The same arc, walked no faster than `limit` m/s: speed and turn shrink together."""
     speed = math.hypot(*command.velocity)
-    if not speed > limit:
+    if not speed > limit * (1 + 1e-6):  # a packet's numbers are no more precise
         return command
     velocity = tuple(v * limit / speed for v in command.velocity)
     return replace(command, velocity=velocity, yaw_speed=command.yaw_speed * limit / speed)

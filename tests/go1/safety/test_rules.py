@@ -128,8 +128,10 @@ def test_the_level_flag_is_compared_with_the_model(model, flag, wrong):
     assert rules.wrong_flag(replace(state, sn=(5 | model << 8, 0)), flag) is None
 
 
-@pytest.mark.parametrize("motion", [(0.5, 0.0, 0.0), (0.3, 0.2, 0.5), (-0.3, 0.0, -1.0)])
-@pytest.mark.parametrize("late", [0.0, 0.55])
+@pytest.mark.parametrize(
+    "motion", [(0.5, 0.0, 0.0), (0.3, 0.2, 0.5), (-0.3, 0.0, -1.0), (0.0, 0.0, 0.8)]
+)
+@pytest.mark.parametrize("late", [0.0, 0.9])
 def test_who_does_what_was_asked_agrees(motion, late):
     moments = walk(motion, late=late)
     for upto in range(1, len(moments)):

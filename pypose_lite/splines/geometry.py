@@ -35,4 +35,4 @@ def curvature(velocity: Tensor, acceleration: Tensor) -> Tensor:
     moving = speed > 0
     speed = torch.where(moving, speed, 1)
     turning = dx / speed * ddy - dy / speed * ddx  # a cube of a small speed would be lost
-    return torch.where(moving, turning / speed / speed, 0)
+    return torch.where(moving, turning / speed**2, 0)

@@ -41,7 +41,7 @@ def jacobians(function: Callable, x: Tensor, u: Tensor, wrt: str = "xu") -> tupl
 
 def hessian(function: Callable, x: Tensor, u: Tensor, weights: Tensor) -> Tensor:
     """Returns the second derivative of ``weights' function(x, u)``, ``(..., n+m, n+m)``."""
-    if inside_transform(weights) or inside_transform(function(x, u)):
+    if any(inside_transform(z) for z in (x, u, weights)):
         return transformed_hessian(function, x, u, weights)
     with torch.enable_grad():
         copies = [_copies(z, x.shape[-1] + u.shape[-1], False) for z in (x, u)]

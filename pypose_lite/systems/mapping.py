@@ -18,6 +18,8 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
+from ..shapes import inside_transform
+
 # What returns a new tensor, which may be filled in place afterwards.
 NEW = frozenset(
     "arange cat clone empty empty_like eye full full_like linspace new_empty new_full new_ones "
@@ -50,11 +52,21 @@ def over_batch(function: Callable, x: Tensor, u: Tensor, t: Tensor, looped: Call
         return function(x, u, t).reshape(-1)
 
     if x.ndim == 1:
-        return one(x, u, t)
+        return _one_sample(one, x, u, t)
     batch = x.shape[:-1]
     x, u = x.reshape(-1, x.shape[-1]), u.reshape(-1, u.shape[-1])
     t = t.expand(batch).reshape(-1) if t.ndim else t
     return _over_rows(one, x, u, t, looped).reshape(*batch, -1)
+
+
+def _one_sample(one: Callable, x: Tensor, u: Tensor, t: Tensor) -> Tensor:
+    """Returns ``one(x, u, t)``; inside a caller's own ``torch.vmap``, in the first two ways."""
+    try:
+        return one(x, u, t)
+    except RuntimeError:
+        if not inside_transform(x) and not inside_transform(u):
+            raise
+    return _with_own_tensors(one)(x, u, t)
 
 
 def _over_rows(one: Callable, x: Tensor, u: Tensor, t: Tensor, looped: Callable) -> Tensor:
@@ -83,18 +95,18 @@ def _with_own_tensors(one: Callable) -> Callable:
     """
 
     class OwnTensors(TorchFunctionMode):
-        def __init__(self, like: Tensor):
+        def __init__(self, x: Tensor, u: Tensor, t: Tensor):
             super().__init__()
-            self.like = like
+            self.zero = x.new_zeros(()) + u.new_zeros(()) + t.new_zeros(())
 
         def __torch_function__(self, func, types, args=(), kwargs=None):
             y = func(*args, **(kwargs or {}))
             if getattr(func, "__name__", "") in NEW:
-                y = y + self.like.new_zeros((), dtype=y.dtype)
+                y = y + self.zero.to(y.dtype)
             return y
 
     def with_own(x, u, t):
-        with OwnTensors(x):
+        with OwnTensors(x, u, t):
             return one(x, u, t)
 
     return with_own

@@ -6,6 +6,7 @@ Joseph's form is, cannot turn negative by rounding. No covariance is ever invert
 one goes through its Cholesky factor, which fails where it is not positive definite, and says so.
 """
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -60,9 +61,15 @@ def covariance(P: Tensor) -> Tensor:
     Where variances differ by more digits than a float has (1e4 beside 1e-6 in float32), even
     the correctly rounded P may be indefinite; raised by that little it is not.
     """
-    n, eps = P.shape[-1], torch.finfo(P.dtype).eps
-    half = torch.full((n, n), 0.5, dtype=P.dtype, device=P.device)
-    return (P + P.mT) * half.fill_diagonal_(0.5 + 0.5 * n * eps)
+    return (P + P.mT) * _halves(P.shape[-1], P.dtype, P.device)
+
+
+@functools.cache
+def _halves(n: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Returns a matrix of 1/2, on the diagonal more by n roundings."""
+    with torch.inference_mode(False):  # it is kept, and gradients may be asked for later
+        half = torch.full((n, n), 0.5, dtype=dtype, device=device)
+        return half.fill_diagonal_(0.5 + 0.5 * n * torch.finfo(dtype).eps)
 
 
 def cholesky(P: Tensor, name: str) -> Tensor:

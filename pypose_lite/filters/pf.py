@@ -208,7 +208,7 @@ def _explain(particles: Particles, y, R, g: Function) -> Particles:
     particles, z = _images(g, particles)
     e = g.difference(y.unsqueeze(-2), z)
     like = log_density(e.mT, R, rows, "R")
-    like = torch.where(like.isnan(), -torch.inf, like)
+    like = like.nan_to_num(-torch.inf, torch.inf, -torch.inf)
     return particles._replace(log_w=particles.log_w + like)  # (2)
 
 

@@ -124,17 +124,18 @@ def sigma_points(P: Tensor, k=None, msqrt: Callable | None = None) -> tuple[Tens
     k = max(3 - n, 0) if k is None else k
     if not k > -n:
         raise ValueError(f"k: expected a number above -n = {-n}, got {k}")
-    unit, w = (z.to(P, copy=True) for z in _unit_points(n, float(k)))
-    return (factor(P) if msqrt is None else _square_root(msqrt, P)) @ unit, w
+    unit, w = _unit_points(n, float(k), P.dtype, P.device)
+    return (factor(P) if msqrt is None else _square_root(msqrt, P)) @ unit, w.clone()
 
 
 @functools.cache
-def _unit_points(n: int, k: float) -> tuple[Tensor, Tensor]:
+def _unit_points(n: int, k: float, dtype: torch.dtype, device: torch.device) -> list[Tensor]:
     """Returns the sigma points of ``P = I`` as columns, and their weights."""
     eye = math.sqrt(n + k) * np.eye(n)
     points = np.concatenate([np.zeros((n, 1)), eye, -eye], axis=1)  # (1)
     weights = np.array([k / (n + k)] + 2 * n * [0.5 / (n + k)])  # (2)
-    return torch.from_numpy(points), torch.from_numpy(weights)
+    with torch.inference_mode(False):  # they are kept, and gradients may be asked for later
+        return [torch.tensor(z, dtype=dtype, device=device) for z in (points, weights)]
 
 
 def _square_root(msqrt: Callable, P: Tensor) -> Tensor:

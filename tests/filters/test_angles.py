@@ -131,6 +131,19 @@ def test_the_smoother_across_the_cut_is_that_of_the_line(g, kind, lead):
     close(got[1], want[1], 1e-9)
 
 
+@gaussian
+def test_a_run_whose_estimates_were_wrapped_by_hand_is_smoothed_all_the_same(g, kind):
+    """The recorded means may be whole turns away from where the filter would have put them."""
+    x, P, u, _, cut = runs(g, (4,))
+    filter = make(kind, True)
+    xs, Ps = record(filter, x, P, cut, u)
+    turns = torch.randint(-2, 3, (4, 13, 2), generator=g).double()
+    moved = xs + TURN * torch.cat([turns, 0 * turns], -1)
+    want, got = smooth(filter, xs, Ps, cut, u), smooth(filter, moved, Ps, cut, u)
+    near(got[0], want[0])
+    close(got[1], want[1], 1e-9)
+
+
 def test_the_error_of_an_estimate_does_not_see_the_cut(g):
     x, P = draw(g, 5, 4), spd(g, 4, (5,))
     truth = x + 0.1 * draw(g, 5, 4)

@@ -21,6 +21,31 @@ def test_sigma_points_have_the_mean_and_the_correlated_covariance(g, n, k):
     close((w * dx) @ dx.mT, P)
 
 
+def test_points_that_were_changed_or_made_without_gradients_do_not_come_back(g):
+    P = spd(g, 7)
+    with torch.inference_mode():
+        dx, w = sigma_points(P)
+        w.zero_(), dx.zero_()
+    dx, w = sigma_points(P.requires_grad_())
+    close((w * dx) @ dx.mT, P)
+    ((w * dx) @ dx.mT).sum().backward()
+    close(P.grad, torch.ones(7, 7), 1e-10)
+
+
+@pytest.mark.parametrize("scaled", [(1.0, 0.0, 2.0), (0.5, -0.75, 1.0), (2.0, 3.0, -1.0)])
+def test_scaled_sigma_points_are_these_with_another_k(scaled):
+    """Wan and van der Merwe's weights, where beta = alpha^2 - 1."""
+    alpha, beta, kappa = scaled
+    n = 3
+    k = alpha**2 * (n + kappa) - n
+    mean = torch.tensor([k / (n + k)] + 6 * [1 / (2 * (n + k))])
+    second = mean + torch.tensor([1 - alpha**2 + beta] + 6 * [0.0])
+    dx, w = sigma_points(torch.eye(3), k)
+    close(w, mean)
+    close(w, second)
+    close(dx[:, 1], torch.tensor([math.sqrt(n + k), 0, 0]))
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 10])
 def test_no_weight_is_negative_by_default(n):
     _, w = sigma_points(torch.eye(n))

@@ -67,6 +67,22 @@ def test_where_g_is_not_defined_particles_have_weight_0(g, see, below):
     close(pf.log_likelihood(particles, *args), prior + like)
 
 
+def test_a_difference_that_is_not_defined_counts_as_none(g):
+    """The residual, not g, is NaN: beyond half a turn, say."""
+
+    def close_by(y, z):
+        return torch.where((y - z).abs() < 0.6, y - z, torch.nan)
+
+    particles = Particles(torch.rand(50, 1, generator=g), draw(g, 50))
+    kept, zero = particles.x[:, 0] < 0.6, torch.zeros(1)
+    pf = PF(Still(), R=ONE, residual=close_by)
+    got, want = pf.weigh(particles, zero, zero), pf.weigh(only(particles, kept), zero, zero)
+    assert 0 < kept.sum() < 50 and (got.w[~kept] == 0).all()
+    close(got.w[kept], want.w)
+    with pytest.raises(ValueError, match="y has no density at any of them"):
+        pf.weigh(particles, zero - 9, zero)
+
+
 @undefined
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_call_is_that_of_the_particles_that_count(g, see, dtype):

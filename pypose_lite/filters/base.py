@@ -43,11 +43,11 @@ class Filter(nn.Module):
         model: the system whose state is estimated; it is never changed.
         Q: process noise covariance ``(..., n, n)``, added after f, symmetric >= 0.
         R: observation noise covariance ``(..., p, p)``, symmetric > 0.
-        residual: ``residual(y, z)``, the difference of two observations ``(..., p)``; None is
+        residual: ``residual(y, z)``, the difference of two observations ``(p,)``; None is
             ``y - z``. Where y has angles it has to wrap, see :func:`angles`.
-        residual_x: ``residual_x(a, b)``, the difference of two states ``(..., n)``, likewise.
-        mean_x: ``mean_x(points, w)``, the mean ``(..., n)`` of states ``(..., k, n)`` with weights
-            ``(..., k)`` of sum 1. None follows from ``residual_x``: the point from which the
+        residual_x: ``residual_x(a, b)``, the difference of two states ``(n,)``, likewise.
+        mean_x: ``mean_x(points, w)``, the mean ``(n,)`` of states ``(k, n)`` with weights
+            ``(k,)`` of sum 1. None follows from ``residual_x``: the point from which the
             weighted differences of all points cancel, which is the mean of angles, too.
     """
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..shapes import check
-from .differences import Difference
+from .differences import Difference, difference_and_mean
 from .gaussian import Innovation, squared_distance
 
 
@@ -29,7 +29,8 @@ def nees(x: Tensor, P: Tensor, truth: Tensor, residual_x: Difference | None = No
     Navigation" (2001), section 5.4.
     """
     check("x: n, P: n n, truth: n", x, P, truth)
-    e = x - truth if residual_x is None else residual_x(x, truth)
+    difference, _ = difference_and_mean(residual_x)
+    e = difference(x, truth)
     return squared_distance(e.unsqueeze(-1), P, "P")[0].squeeze(-1)
 
 

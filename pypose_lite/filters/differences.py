@@ -9,19 +9,24 @@ from the differences alone:
 
 Without angles one round is exact, wherever it starts. With angles, a round is exact once all
 points lie within half a turn of where it starts; where they do not, the mean comes closer from
-round to round. Users who know their mean in closed form pass it as ``mean_x``.
+round to round. Users who know their mean in closed form pass it as ``mean_x``. Their functions may
+be written for one pair of vectors, or one set of points, and are mapped over batches.
 """
 
 import functools
 import math
+import warnings
 from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
+from ..shapes import has_numbers
+from ..systems.mapping import over_batch
+
 Difference = Callable[[Tensor, Tensor], Tensor]
 Mean = Callable[[Tensor, Tensor], Tensor]
-ROUNDS = 8  # of (1); a belief of one hump needs two or three, whichever point comes first
+ROUNDS = 8  # of (1) at most; a belief of one hump needs two or three, whichever point is first
 
 
 def wrap(angle: Tensor) -> Tensor:
@@ -47,24 +52,45 @@ def angles(*which: int) -> Difference:
 
 def mean_by_differences(points: Tensor, w: Tensor, difference: Difference, rounds: int) -> Tensor:
     """Returns the mean ``(..., n)`` of points ``(..., k, n)`` with weights ``(..., k)``."""
-    mean = points[..., 0, :]
-    for _ in range(rounds):
+    mean, small = points[..., 0, :], torch.finfo(points.dtype).eps ** 0.75
+    for i in range(rounds):
         shift = w.unsqueeze(-2) @ difference(points, mean.unsqueeze(-2))
         mean = mean + shift.squeeze(-2)  # (1)
+        if 0 < i and has_numbers(shift) and shift.abs().max() < small:
+            break
     return mean
 
 
 def difference_and_mean(difference: Difference | None, mean: Mean | None = None):
     """Returns what a filter uses where a user gave these: a difference, and a mean of points."""
+    if difference is None:
+        return torch.sub, functools.partial(mean_by_differences, difference=torch.sub, rounds=1)
+    if getattr(difference, "func", None) is not _difference:
+        difference = functools.partial(_each_difference, difference)
     if mean is not None:
-        return difference, functools.partial(_whole_mean, mean)
-    difference, rounds = (torch.sub, 1) if difference is None else (difference, ROUNDS)
-    return difference, functools.partial(mean_by_differences, difference=difference, rounds=rounds)
+        return difference, functools.partial(_each_mean, mean)
+    return difference, functools.partial(mean_by_differences, difference=difference, rounds=ROUNDS)
 
 
-def _whole_mean(mean: Mean, points: Tensor, w: Tensor) -> Tensor:
-    """Returns a user's mean of points, with a weight for each in every member of the batch."""
-    return mean(points, w.expand(points.shape[:-1]))
+def _each_difference(difference: Difference, a: Tensor, b: Tensor) -> Tensor:
+    """Returns the differences of a batch by a function that may be written for one pair."""
+    if a.shape != b.shape:
+        a, b = torch.broadcast_tensors(a, b)
+    return over_batch(lambda a, b, _: difference(a, b), a, b, a.new_zeros(()), _warn_of_loop)
+
+
+def _each_mean(mean: Mean, points: Tensor, w: Tensor) -> Tensor:
+    """Returns the means of a batch by a function that may be written for one set of points."""
+    w, batch = w.expand(points.shape[:-1]), points.shape[:-2]
+    if not batch:
+        return mean(points, w)
+    sets = points.reshape(-1, *points.shape[-2:]), w.reshape(-1, w.shape[-1])
+    return torch.vmap(mean)(*sets).reshape(*batch, -1)
+
+
+def _warn_of_loop(error: Exception) -> None:
+    reason = str(error).strip().splitlines()[0]
+    warnings.warn(f"residual: torch.vmap cannot map it, which is slow: {reason}", stacklevel=2)
 
 
 def _difference(which: tuple[int, ...], a: Tensor, b: Tensor) -> Tensor:

@@ -193,7 +193,7 @@ def opposite_gain(A, B, Q, q):
     return k, -K
 
 
-@wrong("3.3", "Expected k, of shape (4, 2)")
+@wrong("3.3", "Expected k of shape (4, 2)")
 def in_the_other_order(A, B, Q, q):
     return by_the_library(A, B, Q, q)[::-1]
 

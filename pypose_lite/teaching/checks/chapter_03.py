@@ -46,7 +46,7 @@ def moved_on(answer, given):
 
 line_search = Exercise("3.2", "A line search", minutes=10, takes="cost_after, cost_now, alphas")
 
-ALPHAS = (1.0, 0.5, 0.25, 0.1)
+ALPHAS = (0.8, 0.4, 0.2, 0.1)
 
 
 def searched(answer, costs, now):
@@ -66,7 +66,7 @@ def searched(answer, costs, now):
 def cheapest(answer, given):
     for best in (1, 2, 3, 0):
         costs = [2.6, 2.5, 2.0, 2.8]
-        costs[best] = 1.0
+        costs[best] = 1.7
         came = searched(answer, costs, 4.0)
         hint = "Do not stop at the first length that helps: look at all of them."
         if came == max(zip(costs, ALPHAS))[1]:
@@ -95,7 +95,7 @@ def stays(answer, given):
 def not_a_number(answer, given):
     nan, inf = math.nan, math.inf
     hint = "Every comparison with nan is false: write it so that false means: not this step."
-    for costs, best in [([nan, nan, 3.0, 3.5], 0.25), ([3.0, nan, 3.5, nan], 1.0)]:
+    for costs, best in [([nan, nan, 3.0, 3.5], 0.2), ([3.0, nan, 3.5, nan], 0.8)]:
         came = searched(answer, costs, 4.0)
         expect.that(came == best, f"{best}, of the costs {costs}", f"{came:g}", hint)
     for costs in ([nan] * 4, [inf, nan, inf, inf]):

@@ -175,3 +175,33 @@ def test_a_readers_own_number_is_in_the_text_and_says_where_it_is_not_as_claimed
     playwright.expect(number).to_have_class(re.compile("lite-fails"))
     playwright.expect(page.locator(ERROR).filter(has_text="claimed: equal to 11")).to_be_visible()
     playwright.expect(page.locator(".jupyter-widgets img.picture")).to_be_visible()  # ran on
+
+
+HEADING_ERROR = """\
+def heading_error(theta, theta_ref):
+    difference = {difference}
+    return torch.atan2(difference.sin(), difference.cos())
+"""
+
+
+@pytest.mark.timeout(480)
+def test_an_exercise_is_solved_and_accepted_and_broken_and_told_why(run):
+    page = run("2_exercises/01_systems.ipynb")
+    cells = page.locator(".jp-CodeCell")
+    stub = cells.filter(has_text="def heading_error(theta, theta_ref)")
+    verdict = cells.filter(has_text='check("1.1", heading_error)').locator(".jp-OutputArea-output")
+    playwright.expect(verdict).to_have_text("… 1.1 The shorter way around: not done yet.")
+
+    def answer(difference):
+        stub.locator(".cm-content").click()
+        page.keyboard.press("ControlOrMeta+A")
+        page.keyboard.insert_text(HEADING_ERROR.format(difference=difference))
+        page.keyboard.press("Shift+Enter")
+        page.keyboard.press("Shift+Enter")
+
+    answer("theta - theta_ref")
+    accepted = "✓ 1.1 The shorter way around: accepted."
+    playwright.expect(verdict).to_have_text(accepted, timeout=30_000)
+    answer("theta_ref - theta")
+    told = re.compile(r"✗ 1\.1 .*Expected the error.*Hint: The sign is the other way round", re.S)
+    playwright.expect(verdict).to_have_text(told, timeout=30_000)

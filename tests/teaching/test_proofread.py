@@ -20,6 +20,7 @@ from pypose_lite.teaching.proofread.shown import (
     claims_unmade,
     figures_without_claim,
     figures_without_text,
+    refused_answers,
 )
 
 new = nbformat.v4
@@ -35,6 +36,12 @@ def claimed(name):
     """The output that a claim leaves."""
     record = {"name": name, "value": 1.0, "bound": "below 2"}
     return new.new_output("display_data", {"text/plain": "..."}, metadata={"claim": record})
+
+
+def judged(state):
+    """The output that a check leaves."""
+    record = {"number": "2.1", "state": state, "message": "2.1 Step: so", "points": 0, "out_of": 1}
+    return new.new_output("display_data", {"text/plain": "..."}, metadata={"verdict": record})
 
 
 def notebook(*cells):
@@ -444,3 +451,23 @@ def test_all_rules_are_applied():
     text.cells += lesson("# %% [markdown]\n# \n" + ANSWER).cells
     kinds = {complaint[:12] for complaint in complaints(text)}
     assert len(kinds) == 14, kinds
+
+
+def test_a_check_proves_what_a_figure_shows():
+    cells = "## One", [PICTURE], [judged("accepted")]
+    assert list(figures_without_claim(notebook(*cells))) == []
+
+
+@pytest.mark.parametrize("state", ["refused", "open"])
+def test_a_check_that_refuses_its_solution_is_a_fault(state):
+    [fault] = refused_answers(notebook("## One", [judged("accepted")], [judged(state)]))
+    assert fault.cell == 2
+    assert "a check does not accept what it is given: " in fault.text
+    assert "2.1 Step: so" in fault.text
+
+
+@pytest.mark.parametrize(
+    ("prose", "found"), [("*10 minutes. Warm-up.*", 0), ("It takes 10 minutes. *So.*", 1)]
+)
+def test_the_minutes_of_an_exercise_are_given(prose, found):
+    assert len(list(measured_numbers(notebook(prose)))) == found

@@ -7,7 +7,7 @@ that an answer is tried on, and a file a chapter what its answers must do. ``run
 from . import expect
 from .exercise import EXERCISES, Exercise, Failure, chapter, find
 from .run import check, judge, progress
-from .verdict import Verdict, verdicts_in
+from .verdict import Verdict, verdicts_in, verdicts_of
 
 __all__ = [
     "EXERCISES",
@@ -21,4 +21,5 @@ __all__ = [
     "judge",
     "progress",
     "verdicts_in",
+    "verdicts_of",
 ]

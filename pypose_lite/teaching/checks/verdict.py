@@ -8,7 +8,10 @@ from .exercise import Exercise
 
 SIGNS = {"accepted": "✓", "refused": "✗", "open": "…"}
 COLOURS = {"accepted": "#009E73", "refused": "#D55E00", "open": "#666666"}
-STYLE = "margin: 0; padding-left: 0.8em; border-left: 4px solid {}; white-space: pre-wrap"
+STYLE = (
+    "margin: 0; padding-left: 0.8em; border-left: 4px solid {}; "
+    "white-space: pre-wrap; word-break: normal; overflow-wrap: break-word"
+)
 
 
 @dataclass(frozen=True)
@@ -76,9 +79,10 @@ def display_text(text: str, colour: str, metadata: dict[str, Any]) -> None:
 
 def verdicts_in(notebook: Any) -> list[Verdict]:
     """Returns the verdicts that an executed notebook (nbformat) holds."""
-    return [
-        Verdict(**output["metadata"]["verdict"])
-        for cell in notebook.cells
-        for output in cell.get("outputs", [])
-        if "verdict" in output.get("metadata", {})
-    ]
+    return [verdict for cell in notebook.cells for verdict in verdicts_of(cell)]
+
+
+def verdicts_of(cell: Any) -> list[Verdict]:
+    """Returns the verdicts in the outputs of one cell."""
+    records = [output.get("metadata", {}).get("verdict") for output in cell.get("outputs", [])]
+    return [Verdict(**record) for record in records if record]

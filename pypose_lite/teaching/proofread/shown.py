@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from ..checks import verdicts_in
+from ..checks import verdicts_of
 from .code import parsed
 from .fault import Fault, code_cells, line_of, tags, text_cells
 from .prose import REFERENCE, section
@@ -91,9 +91,10 @@ def claims_unmade(notebook: Any) -> Iterator[Fault]:
 
 def refused_answers(notebook: Any) -> Iterator[Fault]:
     """Yields each verdict of a check that is not "accepted": a solution has to be right."""
-    for verdict in verdicts_in(notebook):
-        if not verdict.passed:
-            yield Fault(0, 0, f"a check does not accept what it is given: {verdict}")
+    for index, cell in enumerate(notebook.cells):
+        for verdict in verdicts_of(cell):
+            if not verdict.passed:
+                yield Fault(index, 0, f"a check does not accept what it is given: {verdict}")
 
 
 def _claimed(cell: Any) -> list[str]:

@@ -628,7 +628,8 @@ noise = {"process_noise": 0.02, "observation_noise": 0.1, "generator": generator
 limits = {"u_lower": -trot, "u_upper": trot, "tolerance": 0.15}
 with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as dog:
     dog.pose = partial(shaky, dog.pose)
-    walk = infinity.drive(mpc, infinity.RealRobot(dog, dt, **noise), pp.EKF(car), **limits)
+    world = infinity.RealRobot(dog, dt, **noise)
+    walk = infinity.drive(mpc, world, pp.EKF(car), **limits)
 truth = torch.stack(poses)[1:-1:2, :2]  # asked at the start, then for y and x in turn
 told, seen = ((z[:, :2] - truth).norm(dim=-1).mean() for z in (walk.estimate, walk.y))
 again, R_dog = [walk.estimate[:1], walk.y[None], walk.u[None]], 0.01 * I

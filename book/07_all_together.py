@@ -646,7 +646,8 @@ noise["generator"] = torch.Generator().manual_seed(0)
 options = {"tolerance": 0.3, "u_lower": -trot, "u_upper": trot}
 with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as robot:
     mpc, ekf = steering(0.001), pp.module.EKF(car)
-    walk = infinity.drive(mpc, infinity.RealRobot(robot, dt, **noise), ekf, plan, **options)
+    world = infinity.RealRobot(robot, dt, **noise)
+    walk = infinity.drive(mpc, world, ekf, plan, **options)
 fig, ax = plt.subplots(figsize=(7, 3.2))
 plotting.plot_states(plotting.plot_course(ax), walk.x, label="the dog, as it says")
 ax.set_ylim(-1.3, 1.8)

@@ -17,6 +17,7 @@ import contents
 import folds
 import jupytext
 import nbformat
+import speed
 from pages import ROOT, linked, notebooks, on_site, texts
 from plain import Plain, equation_numbers
 from scoreboard import gather, page_of
@@ -63,6 +64,9 @@ def stage(executed: Path, target: Path, only: str = "*") -> None:
     for page, path in texts().items():
         if fnmatch(page, only) or page in contents.BESIDE:
             text = linked(Numbers(page, claims, strict).fill(path.read_text()), page, on_site)
+            if page == "benchmarks":
+                text, pictures = speed.laid_out(text)
+                pages |= pictures
             pages[f"{page}.md"] = with_lists(text, claims)
     for page in api.pages():
         if fnmatch(page, only):

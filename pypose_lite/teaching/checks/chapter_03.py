@@ -9,7 +9,8 @@ from ...control import MPC
 from ...systems import DubinsCar
 from ...utils import ReduceToBason
 from . import expect
-from .exercise import Exercise, Failure
+from .exercise import Exercise
+from .planning import ALPHAS, by_cases, driven, least_cost, searched, with_slope
 
 WEIGHTS = [1, 1, 0.3, 0.3, 0.01, 0.01]  # of the chapter
 
@@ -45,21 +46,6 @@ def moved_on(answer, given):
 
 
 line_search = Exercise("3.2", "A line search", minutes=10, takes="cost_after, cost_now, alphas")
-
-ALPHAS = (0.8, 0.4, 0.2, 0.1)
-
-
-def searched(answer, costs, now):
-    """What a line search returns for given costs of the step lengths."""
-    table = dict(zip(ALPHAS, costs))
-
-    def cost_after(alpha):
-        key = round(float(alpha), 9)
-        if key not in table:
-            raise Failure(f"only step lengths of alphas, {ALPHAS}", f"cost_after({key})")
-        return table[key]
-
-    return expect.tensor("the step length", answer(cost_after, now, ALPHAS), ()).item()
 
 
 @line_search.must("return the step length with the least cost")
@@ -111,32 +97,6 @@ def horizon(given, T=4, n=3, m=2):
     return given.randn(T, n, n), given.randn(T, n, m), given.positive(n + m), given.randn(T, n + m)
 
 
-def least_cost(A, B, Q, q):
-    """Returns k of all steps another way: all inputs at once, from a dense quadratic problem."""
-    T, n, m = B.shape
-
-    def cost(flat):
-        u, x, total = flat.reshape(T, m), torch.zeros(n), 0.0
-        for t in range(T):
-            z = torch.cat([x, u[t]])
-            total = total + z @ Q @ z / 2 + q[t] @ z
-            x = A[t] @ x + B[t] @ u[t]
-        return total
-
-    zero = torch.zeros(T * m)
-    H = torch.autograd.functional.hessian(cost, zero)
-    return -torch.linalg.solve(H, torch.autograd.functional.jacobian(cost, zero)).reshape(T, m)
-
-
-def driven(A, B, k, K):
-    """The inputs that gains lead to, from no change of the first state."""
-    x, inputs = torch.zeros(A.shape[-1]), []
-    for t in range(len(k)):
-        inputs.append(k[t] + K[t] @ x)
-        x = A[t] @ x + B[t] @ inputs[-1]
-    return torch.stack(inputs)
-
-
 def run_backward(answer, problem):
     """The gains k and K of an answer, of the right shapes."""
     T, n, m = problem[1].shape
@@ -179,30 +139,7 @@ def best_inputs(answer, given):
         expect.close("the inputs", came, least_cost(A, B, Q, q), hint, mistakes)
 
 
-def with_slope(A, B, Q, q, slope):
-    """The recursion with any rule for v: what usual mistakes give."""
-    T, n, m = B.shape
-    V, v, k, K = torch.zeros(n, n), torch.zeros(n), [], []
-    for t in reversed(range(T)):
-        F = torch.cat([A[t], B[t]], -1)
-        H, h = Q + F.mT @ V @ F, q[t] + F.mT @ v
-        k.insert(0, -torch.linalg.solve(H[n:, n:], h[n:]))
-        K.insert(0, -torch.linalg.solve(H[n:, n:], H[n:, :n]))
-        V, v = H[:n, :n] + H[n:, :n].mT @ K[0], slope(h, H, k[0], K[0], n)
-    return torch.stack(k), torch.stack(K)
-
-
 kkt = Exercise("3.4", "A test for plans with bounds", minutes=10, takes="u, slope, lower, upper")
-
-
-def by_cases(u, slope, lower, upper):
-    """The residual input by input, without clipping."""
-    largest = 0.0
-    for inputs, slopes in zip(u.tolist(), slope.tolist()):
-        for value, g, low, high in zip(inputs, slopes, lower.tolist(), upper.tolist()):
-            room = high - value if g < 0 else value - low
-            largest = max(largest, min(abs(g), room))
-    return largest
 
 
 def residual(answer, u, slope, lower, upper, hint, mistakes=None):
@@ -268,11 +205,9 @@ plans = Exercise("3.5", "Which of these plans is not optimal?", minutes=10)
 
 @plans.must("name the plan whose residual is not 0")
 def not_optimal(answer, given):
-    wrong = {
-        "a": "Its residual is 0, up to rounding: it knew its bounds.",
-        "c": "It began with another guess, and ended at the same plan as (a).",
-    }
-    expect.choice(answer, "b", wrong)
+    a = "Its residual is 0, up to rounding: it knew its bounds."
+    c = "It began with another guess, and ended at the same plan as (a)."
+    expect.choice(answer, "b", {"a": a, "c": c})
 
 
 terminal = Exercise("3.6", "A terminal cost", minutes=15, points=2, seconds=60)

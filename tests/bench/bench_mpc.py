@@ -16,8 +16,8 @@ some inputs of each plan stand at a bound. PyPose takes bounds and ignores them.
 
 CasADi solves the same nonlinear programme by multiple shooting, set up beforehand: with IPOPT, for
 any programme, and with Fatrop, which is made for those of optimal control. Of a batch IPOPT solves
-up to 16 plans, one after another, and its time is scaled to that of all. PyPose plans for one car at
-a time, too.
+up to 16 plans, one after another, and its time is scaled to that of all. PyPose plans for one car
+at a time, too.
 
 *Ours, compiled* is the same controller after `mpc.compile()`; what compiling takes is not counted.
 """

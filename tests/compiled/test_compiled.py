@@ -2,9 +2,12 @@
 
 import copy
 import pickle
+import platform
+import re
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import pytest
 import torch
@@ -124,6 +127,68 @@ def test_every_member_may_have_its_own_problem(g):
     same_plans(mpc, None, draw(g, 5, 2), target, start, **bounds)
     same_plans(mpc, None, draw(g, 3, 5, 2), target.expand(3, 5, 4, 2), start, **bounds)
     same_plans(mpc, None, draw(g, 2), target[0], start)
+
+
+def test_the_last_state_may_have_a_cost_and_everything_a_target(g, once):
+    Q, p = weights(g, 3)
+    Qf, pf = weights(g, 2)
+    x, target, u_target = draw(g, 5, 2), draw(g, 5, 5, 2), draw(g, 5, 4, 1)
+    same_plans(pair(Clockwork(), Q, p, 4), None, x[0])
+    same_plans(pair(Clockwork(), Q, p, 4), None, x)
+    once()
+    mpc = pair(Clockwork(), Q, p, 4, Qf=Qf, pf=pf)
+    same_plans(mpc, None, x[0], target[0], u_target=u_target[0])
+    same_plans(mpc, None, x, target, u_target=u_target, u_lower=-0.3)
+    own = pair(Clockwork(), Q, p, 4, Qf=Qf.expand(5, 2, 2) * torch.rand(5, 1, 1), pf=draw(g, 5, 2))
+    same_plans(own, None, x, target, u_target=u_target)
+
+
+@pytest.mark.parametrize("bound", [None, 0.5], ids=["free", "bounded"])
+def test_plans_of_an_unstable_system_begin_with_its_regulator(g, bound):
+    A, B, C, D, *_ = matrices(g, 3, 2)
+    A = A / torch.linalg.eigvals(A).abs().max() * 1.4
+    Q, p = weights(g, 5)
+    mpc = pair(pp.LTI(A, B, C, D), Q, 0.1 * p, 60)
+    bounds = {} if bound is None else {"u_lower": -bound, "u_upper": bound}
+    x = 0.01 * draw(g, 9, 3)
+    same_plans(mpc, None, x[0], **bounds)
+    same_plans(mpc, None, x, **bounds)
+
+
+def test_parameters_may_have_a_batch_of_their_own(g, once):
+    length = torch.tensor([[0.8], [1.0], [1.3]])
+    system = pp.Pendulum(length=length)
+    mpc = pair(system, torch.eye(3), None, 4)
+    same_plans(mpc, None, draw(g, 2))
+    once()
+    same_plans(mpc, None, draw(g, 3, 7, 2), u_upper=0.5)
+    length += 0.1
+    same_plans(mpc, None, draw(g, 3, 7, 2))
+    numbers = pair(pp.Pendulum(length=length.tolist()[0][0]), torch.eye(3), None, 4)
+    close(mpc[1].solve(None, X := draw(g, 2)).u[0, 0], numbers[0].solve(None, X).u, 1e-9)
+
+
+@pytest.mark.parametrize("options", ["-march=x86-64", "-march=x86-64-v3"], ids=["SSE", "AVX"])
+def test_other_processors_have_fewer_lanes(g, monkeypatch, options, tmp_path):
+    """On AVX-512 there are eight of float64; a function of all lanes exists from AVX2 on."""
+    if platform.machine() != "x86_64":
+        pytest.skip("another kind of processor")
+    monkeypatch.setattr(library, "OPTIONS", [*library.OPTIONS, options])
+    monkeypatch.setattr(program, "_libraries", {})
+    for dtype, tolerance in ((torch.float64, 1e-8), (torch.float32, 1e-2)):
+        Q, x = torch.eye(3, dtype=dtype), draw(g, 11, 2, dtype=dtype)
+        plans = [mpc.solve(None, x, u_lower=-0.3).u for mpc in pair(pp.Pendulum(), Q, None, 4)]
+        close(plans[1], plans[0], tolerance)
+
+
+def test_threads_share_a_batch(g, monkeypatch):
+    mpc, x = pair(Clockwork(), *weights(g, 3), 3), draw(g, 400, 2)
+    plans = []
+    for count in (1, 3):
+        monkeypatch.setattr(torch, "get_num_threads", lambda count=count: count)
+        plans.append(mpc[1].solve(None, x))
+    for a, b in zip(*plans):
+        assert torch.equal(a, b)
 
 
 # --- the infinity
@@ -295,6 +360,31 @@ def test_a_compiled_step_that_is_not_the_systems_is_refused(g, lead):
     _, fast = pair(Twofold(), *weights(g, 3), 3)
     with pytest.raises(RuntimeError, match="Twofold cannot be compiled: it reads more than"):
         fast.solve(None, draw(g, *lead, 2))
+
+
+@pytest.mark.parametrize("version", ["2.3.1", "2.15.0+cpu", "3.0.0"])
+def test_a_torch_that_was_not_tested_is_named_and_the_core_plans(monkeypatch, version):
+    slow, fast = (pp.MPC(Clockwork(), torch.eye(3), None, 3) for _ in range(2))
+    monkeypatch.setattr(torch, "__version__", version)
+    monkeypatch.setattr(library, "load", None)
+    with pytest.warns(
+        UserWarning, match=f"tested with torch 2.4 to 2.14, not with {re.escape(version)}"
+    ):
+        fast.compile()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert torch.equal(fast.solve(None, torch.ones(2)).u, slow.solve(None, torch.ones(2)).u)
+
+
+def test_torchs_private_names_stand_in_the_engine_and_in_one_other_place():
+    library_code = Path(pp.__file__).parent
+    private = re.compile(r"\btorch(\.\w+)*\._(?!_)|\bis_compiling\b")
+    found = [
+        path.relative_to(library_code).as_posix()
+        for path in library_code.rglob("*.py")
+        if private.search(path.read_text())
+    ]
+    assert {path for path in found if not path.startswith("compiled/")} == {"shapes.py"}
 
 
 def test_the_engine_is_loaded_by_compile_alone():

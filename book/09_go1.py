@@ -104,8 +104,9 @@ claim("lap_time", dt * lap.steps, below=13, unit="s")
 #     infinity.drive(walks, infinity.RealRobot(robot), tolerance=0.15)
 # ```
 #
-# For a real dog, `"sim"` becomes `"udp://192.168.123.161:8082"`, and nothing else. (`Watched` only
-# takes notes.) In JupyterLab you can walk the dog yourself: press play, and move the sliders.
+# For a real dog, `"sim"` becomes `"udp://192.168.123.161:8082"`; why that is not all, this chapter
+# is about. (`Watched` only takes notes.) In JupyterLab you can walk the dog yourself: press play,
+# and move the sliders.
 
 # %% tags=["remove-cell"]
 mine, (fig, show) = go1.connect("sim", start=START), picture()
@@ -531,7 +532,7 @@ claim("knows_true_error", infinity.tracking_error(true).mean(), below=0.06, unit
 # The paper's recorded trajectory: observations, connected, through all {claim}`knows_visited`
 # targets, over the line on which the other planner got stuck. It is {claim}`knows_error` off, less
 # than without a network; the legs' lag was there, too. `python -m pypose_lite.go1 walk` does all
-# this for you, with a smoother path to follow, and keeps to 0.5 m/s. <!-- given: 0.5 m -->
+# this for you, with a smoother path to follow, at 0.4 m/s. <!-- given: 0.4 m -->
 #
 # The black line is a little beside the blue one. Where does that come from?
 
@@ -694,9 +695,9 @@ folder.cleanup()
 # python -m pypose_lite.go1 walk --robot udp://192.168.123.161:8082
 # ```
 #
-# says what will happen, looks at battery and state, asks, and keeps to 0.5 m/s. It was run against
+# says what will happen, looks at battery and state, asks, and keeps to 0.4 m/s. It was run against
 # the simulator's program, and never against a robot. Before you are the first, read
-# [On the real robot](on_the_real_robot.md), which is a checklist. <!-- given: 0.5 m -->
+# [On the real robot](on_the_real_robot.md), which is a checklist. <!-- given: 0.4 m -->
 
 # %% [markdown]
 # ## Summary

@@ -19,6 +19,8 @@ def command(robot: Robot, options: argparse.Namespace) -> int:
     """Announces, asks, walks and reports; returns the exit status."""
     if not options.stand_up and not _fit(robot, options):
         return 1
+    from ... import control, infinity  # noqa: F401  (it takes seconds: not between yes and walking)
+
     if not agreed(robot, options, announcement(robot, options)):
         return 1
     if options.stand_up:

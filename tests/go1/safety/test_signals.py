@@ -18,6 +18,7 @@ import pytest
 from go1_helpers import moving
 
 from pypose_lite import go1
+from pypose_lite.go1.robot import FAREWELL
 from pypose_lite.go1.safety import signals
 from pypose_lite.go1.safety.guardian import Guardian
 from pypose_lite.go1.safety.limits import Mode
@@ -297,3 +298,66 @@ def test_a_dead_guardian_is_told():
             assert [text for _, text in driver.events] == ["the guardian process is dead"]
             driver.move(0.4, 0.0)
             driver.wait(0.1)
+
+
+INIT = """
+import os, subprocess, sys
+subprocess.Popen(sys.argv[1:])
+while True:
+    try:
+        os.wait()
+    except ChildProcessError:
+        break
+"""
+ALONE = ["unshare", "--user", "--map-root-user", "--pid", "--fork", "--mount-proc"]
+
+
+def can_unshare():
+    try:
+        return subprocess.run([*ALONE, "true"], capture_output=True, timeout=20).returncode == 0
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("init", [False, True], ids=["as process 1", "under an init"])
+def test_in_a_container_the_guardian_needs_an_init_beside_it(init):
+    """The kernel ends a container with its process 1; `docker run --init` puts another there."""
+    if not can_unshare():
+        pytest.skip("no container can be made here")
+    with Witness() as robot:
+        address = f"udp://127.0.0.1:{robot.server.port}"
+        wrap = [*ALONE, *([sys.executable, "-c", INIT] if init else [])]
+        program = f"""
+import os
+from pypose_lite import go1
+robot = go1.connect("{address}")
+for tick in range(600):
+    robot.move(0.4, 0.3)
+    robot.wait(0.1)
+    if tick == 10:
+        os.kill(os.getpid(), 9)  # process 1 is spared by its own signals, so:
+        os._exit(1)
+"""
+        with subprocess.Popen([*wrap, sys.executable, "-c", program]) as container:
+            container.wait(30.0)
+            time.sleep(0.0 if init else 1.0)
+        told = [(at, moving(command)) for at, command in [*robot.told]]
+        last = max(at for at, moves in told if moves)
+        zeros = [at for at, moves in told if at > last]
+    assert (len(zeros) > 10) == init
+
+
+def test_the_last_packets_all_go_out_however_often_ctrl_c_is_pressed():
+    """No guardian helps here: the robot lives in this program."""
+    robot = go1.connect("sim", realtime=True)
+    robot.move(0.4, 0.0)
+    robot.wait(0.1)
+    sent = robot.sent
+    presses = [threading.Timer(0.02 * n, os.kill, (os.getpid(), signal.SIGINT)) for n in (1, 2, 3)]
+    for press in presses:
+        press.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        robot.close()
+    assert time.monotonic() - began > FAREWELL - 0.05
+    assert robot.sent - sent > 0.5 * 200 * FAREWELL and robot.closed

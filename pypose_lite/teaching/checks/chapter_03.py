@@ -125,11 +125,13 @@ def last_step(answer, given):
 @backward.must("give gains that lead to the inputs of least cost")
 def best_inputs(answer, given):
     for sizes in [(2, 3, 2), (5, 3, 2)]:
-        A, B, Q, q = problem = horizon(given, *sizes)
-        came = driven(A, B, *run_backward(answer, problem))
-        blind = driven(A, B, *with_slope(*problem, lambda h, H, k, K, n: 0 * h[:n]))
-        mine = driven(A, B, *with_slope(*problem, lambda h, H, k, K, n: h[:n]))
-        mixed = driven(A, B, *with_slope(*problem, lambda h, H, k, K, n: h[:n] - H[n:, :n].mT @ k))
+        A, B, Q, q = horizon(given, *sizes)
+        came = driven(A, B, *run_backward(answer, (A, B, Q, q)))
+        blind = driven(A, B, *with_slope(A, B, Q, q, lambda h, H, k, K, n: 0 * h[:n]))
+        mine = driven(A, B, *with_slope(A, B, Q, q, lambda h, H, k, K, n: h[:n]))
+        mixed = driven(
+            A, B, *with_slope(A, B, Q, q, lambda h, H, k, K, n: h[:n] - H[n:, :n].mT @ k)
+        )
         mistakes = {
             "v has lost what k changes: H_ux' k.": mine,
             "v stays 0: the slope of the future is forgotten.": blind,
@@ -290,8 +292,7 @@ def walked(answer, given):
     planner = MPC(DubinsCar(), chapter_Q(), None, 10, ReduceToBason(steps=3))
     with go1.connect("sim", start=(0.0, 0.0, -math.pi / 2)) as robot:
         world = infinity.RealRobot(robot, 0.1)
-        bounds = {"u_lower": lower, "u_upper": upper}
-        walk = infinity.drive(planner, world, tolerance=0.15, steps=200, **bounds)
+        walk = infinity.drive(planner, world, None, None, 0.15, 200, lower, upper)
     reached = int(walk.goal.max()) - 1 + int(walk.finished)
     hint = "Is there enough speed, and enough turn rate in both directions?"
     expect.that(walk.finished, "all 16 waypoints within 20 s", f"{reached} of them", hint)

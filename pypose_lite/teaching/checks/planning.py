@@ -37,7 +37,8 @@ def driven(A, B, k, K):
 def with_slope(A, B, Q, q, slope):
     """The recursion with any rule for v: what usual mistakes give."""
     T, n, m = B.shape
-    V, v, k, K = torch.zeros(n, n), torch.zeros(n), [], []
+    V, v = torch.zeros(n, n), torch.zeros(n)
+    k, K = list[torch.Tensor](), list[torch.Tensor]()
     for t in reversed(range(T)):
         F = torch.cat([A[t], B[t]], -1)
         H, h = Q + F.mT @ V @ F, q[t] + F.mT @ v

@@ -67,9 +67,12 @@ def public(module: ModuleType) -> list[str]:
 
 
 def documented(module: ModuleType, name: str) -> bool:
-    """Whether a name is shown in full here: modules and plain values are not."""
+    """Whether a name is shown in full here: plain values are not, nor what another room shows."""
     value = getattr(module, name)
-    return inspect.isclass(value) or inspect.isfunction(value)
+    room = ".".join(module.__name__.split(".")[:2])
+    return (inspect.isclass(value) or inspect.isfunction(value)) and (
+        value.__module__ == module.__name__ or value.__module__.startswith(f"{room}.")
+    )
 
 
 def link(module: ModuleType, name: str) -> str:
@@ -103,5 +106,6 @@ def markdown(module: ModuleType) -> str:
 
 
 def as_markdown(text: str) -> str:
-    """Roles of docstrings, ``:class:`System```, in Markdown's way."""
-    return re.sub(r":(\w+):`", r"{py:\1}`", text)
+    """Roles and literals of docstrings, ``:class:`System```, in Markdown's way."""
+    text = re.sub(r"``([^`\n]*`[^`\n]*`)``", r"`` \1 ``", text)
+    return re.sub(r"(?<!`):(\w+):`", r"{py:\1}`", text)

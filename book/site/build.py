@@ -15,7 +15,8 @@ QUIET = re.compile(r"^(\S+\.\.\.|\[|=|Running|Source|Output|loading|building|upd
 
 def build(source: Path, target: Path, options: list[str]) -> int:
     """Runs jupyter-book, shows a line a page, and returns its exit status."""
-    pages = len([*source.glob("*.ipynb"), *source.glob("*/*.ipynb"), *source.glob("*.md")])
+    files = (path for path in source.rglob("*") if "_build" not in path.parts)
+    pages = sum(path.suffix in (".ipynb", ".md") for path in files)
     print(f"Building {pages} pages", flush=True)
     command = ["jupyter-book", "build", str(source), "--path-output", str(target), *options]
     start = time.monotonic()

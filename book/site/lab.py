@@ -18,7 +18,7 @@ from nbformat.sign import NotebookNotary
 from pages import ROOT, notebooks
 from plain import Plain
 from scoreboard import gather
-from stage import Numbers, all_equations, for_download
+from stage import Numbers, all_equations, for_download, read
 
 FOLDERS = {"": "1_lessons", "exercises": "2_exercises", "solutions": "3_solutions"}
 START = "start_here"
@@ -54,8 +54,8 @@ def staged(executed: Path) -> dict[str, nbformat.NotebookNode]:
     """All notebooks for readers, by their place; with outputs where they have been executed."""
     claims, equations, made = gather(executed), all_equations(), {}
     for page, source in notebooks().items():
-        path = executed / f"{page}.ipynb"
-        notebook = nbformat.read(path, 4) if path.exists() else jupytext.read(source)
+        made_before = page.startswith("exercises/") or (executed / f"{page}.ipynb").exists()
+        notebook = read(page, executed) if made_before else jupytext.read(source)
         notebook.metadata.pop("jupytext", None)
         numbers = LabNumbers(page, claims, strict=False)
         made[place(page)] = for_download(notebook, Plain(page, numbers, place, equations))

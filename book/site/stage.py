@@ -1,8 +1,7 @@
 """Makes the pages ready for Sphinx: ``python book/site/stage.py build/executed build/book [PAGE]``.
 
-Notebooks come from the folder where they were executed (exercises, which stop at their first stub,
-from their sources), other pages from ``book/``. Numbers are filled in for ``{claim}`name``` (of the
-same page) and ``{claim}`03_mpc.name``` (of another), the scoreboard for ``<!-- scoreboard -->``,
+Notebooks come from the folder where they were executed, other pages from ``book/``. Numbers are
+filled in for ``{claim}`name``` (of the same page) and ``{claim}`03_mpc.name``` (of another), the scoreboard for ``<!-- scoreboard -->``,
 links to a chapter's text lead to its page, and tags become folds. ``TARGET-notebooks`` holds the
 same notebooks in plain Markdown, for those who download them.
 """
@@ -18,6 +17,7 @@ import folds
 import jupytext
 import nbformat
 import speed
+from given import with_given_outputs
 from pages import ROOT, linked, notebooks, on_site, texts
 from plain import Plain, equation_numbers
 from scoreboard import gather, page_of
@@ -87,9 +87,13 @@ def with_lists(text: str, claims: dict) -> str:
 
 
 def read(page: str, executed: Path) -> nbformat.NotebookNode:
-    """The notebook of a page: executed, or as it stands in the source where it is an exercise."""
+    """The notebook of a page as it was executed; an exercise has what its solution shows."""
     if page.startswith("exercises/"):
-        return jupytext.read(notebooks()[page])
+        exercise = jupytext.read(notebooks()[page])
+        solution = executed / f"{page.replace('exercises', 'solutions')}.ipynb"
+        if not solution.exists():
+            return exercise
+        return with_given_outputs(exercise, nbformat.read(solution, as_version=4))
     return nbformat.read(executed / f"{page}.ipynb", as_version=4)
 
 

@@ -85,8 +85,7 @@ def test_every_chapter_is_there_as_a_notebook_with_outputs(name):
     assert [cell.source for cell in notebook.cells if cell.cell_type == "code"] == [
         cell.source for cell in source.cells if cell.cell_type == "code"
     ]
-    ran = any(cell.get("outputs") for cell in notebook.cells)
-    assert ran is not name.startswith("exercises/")
+    assert any(cell.get("outputs") for cell in notebook.cells)
     texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
     assert not any(ROLE.search(re.sub(r"`.*?`", "", text)) for text in texts)
 

@@ -1,9 +1,9 @@
 """Makes the pages ready for Sphinx: ``python book/site/stage.py build/executed build/book [PAGE]``.
 
 Notebooks come from the folder where they were executed, other pages from ``book/``. Numbers are
-filled in for ``{claim}`name``` (of the same page) and ``{claim}`03_mpc.name``` (of another), the scoreboard for ``<!-- scoreboard -->``,
-links to a chapter's text lead to its page, and tags become folds. ``TARGET-notebooks`` holds the
-same notebooks in plain Markdown, for those who download them.
+filled in for ``{claim}`name``` (of the same page) and ``{claim}`03_mpc.name``` (of another), the
+scoreboard for ``<!-- scoreboard -->``; links to a chapter's text lead to its page, and tags become
+folds. ``TARGET-notebooks`` holds the same notebooks in plain Markdown, for those who download them.
 """
 
 import shutil

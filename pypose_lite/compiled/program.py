@@ -85,7 +85,10 @@ class Program:
         n, m, dtype = self.sizes
         key = tuple(self.kinds), n, m, dtype, many
         if key not in _libraries:
-            text = source(list(self.kinds), n, m, dtype, many)
+            try:
+                text = source(list(self.kinds), n, m, dtype, many)
+            except Unsupported as why:
+                raise RuntimeError(f"{self.name} cannot be compiled: it {why}") from why
             plans = "batches of plans" if many else "single plans"
             _libraries[key] = load(text, f"{plans} for {self.name}")
         return _libraries[key]

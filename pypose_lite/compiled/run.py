@@ -105,7 +105,9 @@ class Run:
             sweeps = torch.arange(len(history))[:, None]
             history = torch.where(sweeps <= self.iterations, history, self.cost)
         plan = self.X, self.U, self.K, self.cost, self.converged, self.iterations, history
-        return Solution(*plan).shaped(self.batch) if len(self.batch) != 1 else Solution(*plan)
+        if not self.batch:
+            return Solution(*(z.squeeze(d) for d, z in zip((1, 1, 1, 0, 0, 0, 1), plan)))
+        return Solution(*plan).shaped(self.batch)
 
 
 def _laid_out(z: Tensor | None, batch: torch.Size) -> Tensor | None:
@@ -114,7 +116,9 @@ def _laid_out(z: Tensor | None, batch: torch.Size) -> Tensor | None:
         return None
     dims = len(batch)
     lead, core = z.shape[1 : 1 + dims], z.shape[1 + dims :]
-    if lead.numel() == 1:
+    if not dims:
+        z = z.unsqueeze(1)
+    elif dims > 1 and lead.numel() == 1:
         z = z.reshape(len(z), 1, *core)
     elif dims > 1:
         z = z.expand(len(z), *batch, *core).reshape(len(z), -1, *core)

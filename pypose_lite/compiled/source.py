@@ -12,8 +12,10 @@ from pathlib import Path
 
 import torch
 
+from .places import Unsupported
 from .scalars import LEAVES, Arithmetic
 
+LARGEST = 50_000  # operations of a step and its derivatives: half a minute of compiling
 REALS = {torch.float32: "float", torch.float64: "double"}
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 ORDERS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
@@ -57,8 +59,11 @@ def _kind(kind: int, entries: tuple, next_state: Sequence[int], n: int, m: int) 
     z = [arithmetic.leaf("x", i) for i in range(n)] + [arithmetic.leaf("u", i) for i in range(m)]
     terms = (arithmetic.do("mul", arithmetic.leaf("l", i), y) for i, y in enumerate(next_state))
     total = reduce(lambda a, b: arithmetic.do("add", a, b), terms)
+    gradient = arithmetic.gradient(total, z)
     F = [slope for row in arithmetic.slopes(next_state, z) for slope in row]
-    S = [slope for row in arithmetic.slopes(arithmetic.gradient(total, z), z) for slope in row]
+    S = [slope for row in arithmetic.slopes(gradient, z) for slope in row]
+    if len(arithmetic.entries) > LARGEST:
+        raise Unsupported(f"has more than {LARGEST} operations on single numbers, slopes included")
     return "\n".join(
         [
             _function(f"transition{kind}", GIVEN, arithmetic, "y", next_state),

@@ -241,8 +241,9 @@ claim("same_covariances", (Ps - run.P[0]).abs().max(), below=1e-12)
 # ## The library's version
 #
 # That claim replayed one recorded lap, and the library's filter gave the same numbers. Here are its
-# two steps. `f` and `g` are the car's functions at this step, with input and time filled in; $L$ is
-# the root of the covariance, $P = L L^\top$, and `square(M)` is $M M^\top$.
+# two steps. `f` and `g` are the car's functions at this step, with input and time filled in, and
+# `tangent` gives a function's value and Jacobian. $L$ is the root of the covariance,
+# $P = L L^\top$, and `square(M)` is $M M^\top$.
 
 # %%
 print(inspect.getsource(pp.EKF._update))

@@ -204,13 +204,17 @@ claim("batch", apart.abs().max(), below=1e-12, unit="m")
 gaps = points.diff(dim=0).norm(dim=-1)
 claim("gap_smallest", gaps.min(), above=0.13, unit="m")
 claim("gap_largest", gaps.max(), below=0.18, unit="m")
-for function in (splines.hermite, splines.hermite_segments, splines.Spline.local):
+tangents = splines.cubic_hermite.catmull_rom
+for function in (tangents, splines.hermite_segments, splines.Spline.local):
     print(inspect.getsource(function).split('"""')[2])
 
 # %% [markdown]
+# The first function chooses the tangents, the second makes pieces of them, the third says where the
+# curve is. Points may have times of their own; without them every piece takes 1 (`h` and `time`),
+# and a slope is a leg. The lines with a group are for poses, later.
+#
 # The library keeps a curve as a `Spline`. Each piece has a start and *three steps*, and three
-# functions say how much of each step is done at $u$ (the weights, in `local`; the lines with a
-# group are for poses, later):
+# functions say how much of each step is done at $u$ (the weights, in `local`):
 #
 # $$
 # p(u) = \text{start} + \lambda_1(u)\, s_1 + \lambda_2(u)\, s_2 + \lambda_3(u)\, s_3
@@ -263,8 +267,9 @@ claim("same_table", (table - library).abs().max(), below=1e-12)
 #
 # ## On the infinity
 #
-# Four curves. *global* is the third way. *path*, the library's `planner.path`, is Hermite's cubic
-# with the waypoints' own headings and the length {eq}`eq-6-length`.
+# Four curves. *global* is the third way, in the library `splines.cubic_spline`. *path*, the
+# library's `planner.path`, is Hermite's cubic with the waypoints' own headings and the length
+# {eq}`eq-6-length`.
 
 
 # %%
@@ -324,6 +329,8 @@ claim("bspline_missed", seen["bspline"][1], above=0.08, unit="m")
 claim("bspline_curvature", seen["bspline"][2], below=1.2, unit="1/m")
 claim("no_jump", max(seen["bspline"][3], seen["global"][3]), below=1e-6)
 claim("path_off", seen["path"][0], below=1e-5, unit="m")
+apart = global_spline(P)(t) - splines.cubic_spline(P)(t)
+claim("same_global", apart.abs().max(), below=1e-12, unit="m")
 
 # %% [markdown]
 # The circles' own curvature is 1, then -1. *chspline* is {claim}`chspline_off` off, with a
@@ -618,8 +625,8 @@ claim("surplus_intervals", len(broken), equals=6)
 #
 # - **By parameter.** One sample a step, and the car would have to speed up {claim}`uneven` times.
 #   The parameter knows no metres. How long a curve is has no formula; `splines.arc_length` adds up
-#   $|p'|$ (Gauss's quadrature), and `splines.evenly_spaced` and `pp.local_plan` turn the question
-#   round by Newton's method.
+#   $|p'|$ (Gauss's quadrature, on shorter pieces where a second rule does not agree), and
+#   `splines.evenly_spaced` and `pp.local_plan` turn the question round by Newton's method.
 # - **Numbers.** $q$ and $-q$ are the same rotation. Where the sign changes, numbers go through the
 #   middle: a length of {claim}`shrunk`. Scaled back to 1, the dog somersaults. Plot the length; fix
 #   by {eq}`eq-6-poses`, that is, by `pp.SE3(...)` (the red line, 1 to {claim}`unit`).

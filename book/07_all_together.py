@@ -61,13 +61,11 @@ def steering(price, sweeps=2):
     return pp.module.MPC(car, weights.diag(), None, 10, stepper)
 
 
-def lap(aim=None, price=0.01, cars=64, estimator=True, sweeps=2, **options):
+def lap(aim=None, price=0.01, cars=64, estimator=True, sweeps=2, noise=(q, r), **how):
     mpc, ekf = steering(price, sweeps), pp.module.EKF(car) if estimator else None
-    noise = {"process_noise": q, "observation_noise": r}
-    noise |= {name: options.pop(name) for name in list(options) if name in noise}
-    noise["generator"] = torch.Generator().manual_seed(0)
-    world = infinity.SimulatedCar(car, W[0].expand(cars, 4), **noise)
-    return infinity.drive(mpc, world, ekf, aim, **{"steps": 60} | options)
+    generator = torch.Generator().manual_seed(0)
+    world = infinity.SimulatedCar(car, W[0].expand(cars, 4), *noise, generator)
+    return infinity.drive(mpc, world, ekf, aim, **{"steps": 60} | how)
 
 
 def ahead(x, goal, spacing=0.25):
@@ -118,7 +116,7 @@ claim("closer", 100 * (1 - stray(planned) / stray(plain)), above=4, unit="%")
 
 # %%
 strict, wide = lap(ahead, cars=16, steps=50), lap(ahead, tolerance=0.3)
-silent = {"process_noise": 0, "observation_noise": 0, "cars": 1, "estimator": False}
+silent = {"noise": (0, 0), "cars": 1, "estimator": False}
 clear = lap(ahead, tolerance=0.3, **silent)
 fig, panels = plt.subplots(1, 2, figsize=(7, 2.9), sharey=True)
 titles = "reached at 0.1 m", "reached at 0.3 m"
@@ -431,7 +429,7 @@ def eyes(noise, plan=None):
     for ax, on in zip(panels[0], shown):
         if (noise, on) not in laps:
             how = {"aim": ahead} | cheap if on else {}
-            laps[noise, on] = lap(cars=8, observation_noise=noise, **how)
+            laps[noise, on] = lap(cars=8, noise=(q, noise), **how)
         run, name = laps[noise, on], "with a plan" if on else "without a plan"
         plotting.infinity_axes(ax, f"{name}: {stray(run):.3f} m", margin=0.5)
         plotting.plot_reference(ax, circles)

@@ -42,7 +42,7 @@ from torch.func import grad, hessian, jacfwd, jvp
 
 import pypose_lite as pp
 from pypose_lite import filters, go1, infinity
-from pypose_lite.control import gradient as implicit
+from pypose_lite.control import gradient
 from pypose_lite.teaching import claim, plotting, table, widgets
 
 plotting.use_style()
@@ -270,15 +270,28 @@ def descend(loss, start, iterations=20):
     return z.detach(), torch.stack(losses), torch.stack(path)
 
 
-print(inspect.getsource(implicit.newton_step).split('"""')[2])
+print(inspect.getsource(gradient.newton_step).split('"""')[2])
 s = slip.clone().requires_grad_()
 rows = [torch.autograd.grad(z, s, retain_graph=True)[0] for z in plan_with(s).ravel()]
 claim("same_gradient", (torch.stack(rows) - by_hand.ravel()).abs().max(), below=1e-8)
 
 # %% [markdown]
-# `model` makes the car linear along the plan, `curvature` adds the second part of
-# {eq}`eq-8-curve`. An input that stands at its bound is `clamped`: it cannot move. No sweep that
-# found the plan is remembered, so a gradient costs the same after 3 sweeps and after 200.
+# `model` makes the car linear along the plan; its `Q` is the full curvature, with the second part
+# of {eq}`eq-8-curve`. `v` is what the inverse is to be multiplied by.
+#
+# In one point the library differs from our formula: it drives the plan with feedback,
+#
+# $$ u = U + w + K\, (x - X) $$ (eq-8-feedback)
+#
+# where $U$ and $X$ are the plan and $K$ the gains of its last sweep, and asks how $w$ moves, not
+# $u$. For small changes $w = du - K\, dx$: so a slope in $w$ is one in $x$, too (`slope`), and the
+# walk at the end takes $K\, dx$ off again. On paper nothing is different, for $w$ tells $u$. In the
+# computer it is: on a system that falls over, a change of an early input without feedback grows
+# from step to step, until a long plan's derivatives are nothing but rounding.
+#
+# An input that stands at its bound is `clamped`: it does not move, and does not react. Of the
+# sweeps that found the plan only these gains are kept, and they are numbers, so a gradient costs
+# the same after 3 sweeps and after 200.
 
 # %% [markdown]
 # ## On the infinity
@@ -714,6 +727,6 @@ claim("dog_without", error.max(), above=0.1, unit="m")
 #
 # **Further reading.** Amos and others {cite}`amos2018` on differentiable MPC; Ljung
 # {cite}`ljung1999` on identification, chapters 7 and 10; Blondel and others {cite}`blondel2022` on
-# implicit differentiation at large; the source of `pypose_lite/implicit.py`.
+# implicit differentiation at large; the source of `pypose_lite/control/gradient.py`.
 #
 # Next: chapter 9 takes it to the robot.

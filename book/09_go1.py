@@ -302,8 +302,9 @@ claim("only_uncovered", set(got_through) == {124}, equals=True)
 # A robot forgets, and packets get lost, so a command is not sent once but 200 times a second, by a
 # thread of its own. *What* goes out is decided anew each time, by the function printed below. It is
 # a *watchdog*: a clock that runs towards "stop", and that the planner has to wind up in every step.
-# `_patience` is a little less than 0.4 s. The robot may have one, too; ours has, with 0.5 s, but
-# for the real Go1 none is documented. <!-- given: 200 times, 0.4 s, 0.5 s -->
+# `_patience` is a little less than 0.4 s; `_rest` turns a walk into zero velocity, and after half a
+# second of that into a stand. The robot may have a watchdog, too; ours has, with 0.5 s, but for the
+# real Go1 none is documented. <!-- given: 200 times, 0.4 s, half a second, 0.5 s -->
 #
 # To try it, `send` gives a simulated dog a motion in every step, or none, and returns how far it
 # came by each step, how many commands it refused, how old its state is, and what was raised first.
@@ -485,9 +486,9 @@ claim("misfit", noise, below=0.012)
 #
 # Put both numbers into the planner. The legs get two states of their own, the speed and the turn
 # rate that they have by now, as the library's `Legs` has them, and chapter 3's MPC takes the longer
-# model as it is. The delay becomes
-# a list of the plans so far, which begins with plans to stand: the first inputs of the latest were
-# sent, and have not shown yet. The next plan starts where those will have led.
+# model as it is. The delay becomes a list of the plans so far, which begins with plans to stand:
+# the first inputs of the latest were sent, and have not shown yet. The next plan starts where those
+# will have led.
 
 
 # %%
@@ -649,9 +650,10 @@ claim("frozen_walks", walked["frozen after 2 s"], below=1.4, unit="m")
 claim("raised", sum(raised != "nothing" for *_, raised in trials.values()), equals=5)
 
 # %% [markdown]
-# Whoever measures age by the last *packet* finds both healthy. The library measures it by the last
-# new *content*: a robot that stands still has noise in its sensors, and no two states are alike
-# byte for byte. So the frozen robot is {claim}`frozen_age` old, `pose()` raises, and zeros go out.
+# Whoever measures age by the last *packet* finds all of them healthy. The library measures it by
+# the last new *content*: a robot that stands still has noise in its sensors, and no two states are
+# alike byte for byte. So the frozen robot is {claim}`frozen_age` old, `pose()` raises, and zeros go
+# out.
 #
 # For the others there is no such sign: their states are new. A pilot who only speaks would walk on.
 # So `Pilot` compares every new state with what was asked, by a handful of rules, each a function

@@ -717,7 +717,8 @@ claim("gentler", bends(moved(z.detach())).max(), below=1.8, unit="1/m")
 # ## On the robot
 #
 # "Follow the plan" with a simulated Go1 in the car's place. It starts 0.3 m off the path; its trot
-# has limits, as in chapter 3. Nothing in this book was tried on a real robot. <!-- given: 0.3 m -->
+# has limits, of which the planner knows. Nothing in this book was tried on a real robot.
+# <!-- given: 0.3 m -->
 
 # %%
 low, trot = torch.tensor([0.0, -1.5]), torch.tensor([1.2, 1.5])  # m/s, rad/s

@@ -633,7 +633,7 @@ claim("learned_error", errors[-1].detach() / errors[0].detach(), below=0.97)
 # %% [markdown]
 # ## On the robot
 #
-# The simulated Go1, with chapter 3's speed limits. A step of the plan is 0.11 m, which a trot of
+# The simulated Go1, within the limits of its trot. A step of the plan is 0.11 m, which a trot of
 # 1.2 m/s can keep up with. Its odometry is good, and the filter is told so. Nothing in this book
 # was tried on a real robot. <!-- given: 0.11 m, 1.2 m -->
 

@@ -97,7 +97,8 @@ claim("lap_time", dt * lap.steps, below=13, unit="s")
 
 # %% [markdown]
 # The dog from above, every fourth step. It visits {claim}`visited` targets in {claim}`lap_time`,
-# {claim}`lap_error` from the path on average. The folded cell has the very call of chapter 3:
+# {claim}`lap_error` from the path on average. The folded cell has the loop of chapter 3, with a dog
+# in the car's place:
 #
 # ```
 # with go1.connect("sim", start=START) as robot:
@@ -163,10 +164,10 @@ claim("stuck_speed", stuck.u[-10:, 0].max(), below=0.02, unit="m/s")
 #
 # </details>
 #
-# On the right is chapter 3's diagnosis, a flat line: *parked*. The way there is new. The car did
-# what it was told in the step in which it was told. The dog does so about a quarter of a second
-# later, while the planner steers a dog that is no longer where it was. It swings wide, passes a
-# target outside the tolerance, and from there knows no way back.
+# The flat line on the right says *parked*, as in chapter 3. The way there is new. The car did what
+# it was told in the step in which it was told. The dog does so about a quarter of a second later,
+# while the planner steers a dog that is no longer where it was. It swings wide, passes a target
+# outside the tolerance, and from there knows no way back.
 
 # %% [markdown]
 # ## The loop, drawn from its calls

@@ -280,6 +280,9 @@ print(inspect.getsource(pp.PF.step).split('"""')[2])
 # The particle filter has two forms. `pf(x, y, u, P)` is the paper's call: it draws new particles
 # around a mean in each step, moved and stretched so that mean and covariance are exactly `x` and
 # `P`. `pf.draw` and then `pf.step` keep the particles. Both take a `generator` for the draws.
+# `_explain` is {eq}`eq-5-weight`, as logarithms. Its lines with `measured`, `_images` and
+# `nan_to_num` are for what is not there: rows of `y` that were not measured, and particles at which
+# $g$ is not defined, whose weight is 0.
 #
 # ## On the infinity
 #

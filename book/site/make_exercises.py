@@ -131,8 +131,9 @@ def unknown(by_number: dict[str, list[Cell]], name: str) -> Iterator[tuple[int, 
             yield cells[0].first_line, number, f"has no properties in {where}"
         elif number and cells[0].title != known[number].title:
             yield cells[0].first_line, number, f"is called {known[number].title!r} in {where}"
-    for number in known.keys() - by_number.keys():
-        yield 1, number, f"is in {where} and not in this lab"
+    for number in known:
+        if number not in by_number:
+            yield 1, number, f"is in {where} and not in this lab"
 
 
 def incomplete(cells: list[Cell]) -> Iterator[str]:

@@ -29,7 +29,6 @@ SETTINGS = {
         "fetchNews": "false",
         "checkForUpdates": False,
     },
-    "@jupyterlab/filebrowser-extension:browser": {"sortNotebooksFirst": True},
     "@jupyterlab/notebook-extension:tracker": {"windowingMode": "none"},
 }
 
@@ -65,9 +64,9 @@ def staged(executed: Path) -> dict[str, nbformat.NotebookNode]:
 def stage(executed: Path, lab: Path) -> None:
     """Makes the folder hold all notebooks; those that a reader has changed stay as they are."""
     lab.mkdir(exist_ok=True)
-    record = read_record(lab)
+    record, made = read_record(lab), staged(executed)
     kept = []
-    for name, notebook in staged(executed).items():
+    for name, notebook in made.items():
         path, new = lab / name, text_of(notebook)
         old = record.get(name)
         if path.exists() and text_of(nbformat.read(path, 4)) not in (old, new):
@@ -76,9 +75,17 @@ def stage(executed: Path, lab: Path) -> None:
         if not path.exists() or old != new:
             write(path, notebook)
         record[name] = new
+    for name in set(record) - set(made):
+        forget(lab / name, record.pop(name))
     (lab / RECORD).write_text(json.dumps(record, indent=1))
     if kept:
         print("Left as you changed them: " + ", ".join(kept))
+
+
+def forget(path: Path, written: str) -> None:
+    """Removes a notebook that is no longer in the book, unless its reader has changed it."""
+    if path.exists() and text_of(nbformat.read(path, 4)) == written:
+        path.unlink()
 
 
 def reset(executed: Path, lab: Path, wanted: str) -> None:

@@ -75,6 +75,16 @@ def test_a_notebook_that_a_reader_deleted_comes_back(book, tmp_path):
     assert code(tmp_path / EXERCISE) == "raise NotImplementedError"
 
 
+def test_what_the_book_no_longer_has_goes_unless_a_reader_has_changed_it(book, tmp_path):
+    lab.stage(None, tmp_path)
+    answer(tmp_path / EXERCISE, "my_answer = 3")
+    book.clear()
+    lab.stage(None, tmp_path)
+    lab.stage(None, tmp_path)
+    assert [path.name for path in tmp_path.rglob("*.ipynb")] == ["03_mpc.ipynb"]
+    assert code(tmp_path / EXERCISE) == "my_answer = 3"
+
+
 def test_an_exercise_is_reset_and_the_readers_version_stays_beside_it(book, tmp_path):
     lab.stage(None, tmp_path)
     for k in (1, 2):
@@ -123,10 +133,9 @@ def test_numbers_that_are_not_known_yet_have_a_place_for_the_kernels(tmp_path):
     assert '<span class="claim" title="steps">…</span>' in start
 
 
-def test_jupyterlab_asks_no_question_about_news_and_shows_notebooks_first(tmp_path):
+def test_jupyterlab_asks_no_question_about_news(tmp_path):
     environment = lab.settings(tmp_path / "config")
     file = tmp_path / "config" / "labconfig" / "default_setting_overrides.json"
     written = json.loads(file.read_text())
     assert environment == {"JUPYTER_CONFIG_DIR": str(tmp_path / "config")}
     assert written["@jupyterlab/apputils-extension:notification"]["fetchNews"] == "false"
-    assert written["@jupyterlab/filebrowser-extension:browser"]["sortNotebooksFirst"] is True

@@ -79,8 +79,9 @@ def test_nothing_is_left_to_fill_in(name):
 
 @pytest.mark.parametrize("name", CHAPTERS)
 def test_every_chapter_is_there_as_a_notebook_with_outputs(name):
-    [link] = [link for link in inner_links(HTML / f"{name}.html") if link.endswith(".ipynb")]
-    notebook = nbformat.read(HTML / link, as_version=4)
+    page = HTML / f"{name}.html"
+    [link] = [link for link in inner_links(page) if link.endswith(".ipynb")]
+    notebook = nbformat.read(page.parent / link, as_version=4)
     source = jupytext.read(notebooks()[name])
     assert [cell.source for cell in notebook.cells if cell.cell_type == "code"] == [
         cell.source for cell in source.cells if cell.cell_type == "code"

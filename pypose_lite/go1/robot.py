@@ -17,6 +17,7 @@ that is older than the pilot's `timeout`.
 import contextlib
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple, Self
 
 from .log import Log, row
@@ -128,11 +129,9 @@ class Robot:
             RuntimeError: the robot is closed, lies or is limp.
             ValueError: NaN or infinity.
         """
-        velocity = (float(v), float(left))
-        asked = HighCmd(
-            mode=Mode.WALK, gait_type=self._gait, velocity=velocity, yaw_speed=float(yaw_rate)
-        )
-        sent = self.send(asked)
+        velocity = float(v), float(left)
+        asked = HighCmd(mode=Mode.WALK, gait_type=self._gait, velocity=velocity)
+        sent = self.send(replace(asked, yaw_speed=float(yaw_rate)))
         return sent.velocity[0], sent.yaw_speed
 
     def send(self, command: HighCmd) -> HighCmd:

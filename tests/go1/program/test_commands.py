@@ -234,6 +234,7 @@ def test_late_steps_are_told_of_a_real_robot(real, monkeypatch):
         (["walk", "--level-flag", "x"], "invalid"),
         (["walk", "--rate", "10"], "expected 100 to 500, got 10"),
         (["walk", "--trim", "1,2"], "expected 3 numbers with commas, got 1,2"),
+        (["listen", "--seconds", "inf"], "expected 0 to inf, got inf"),
         (["listen", "--area", "1,2,3,inf"], "expected 4 numbers with commas"),
         (["listen", "--cmd-vel", "tcp:9"], "--cmd-vel: expected - or a port"),
         (["replay"], "required: file"),

@@ -100,7 +100,8 @@ alt = "On a logarithmic axis one distance falls in a line, the other rises in on
 plotting.show(fig, alt)
 
 # %% [markdown]
-# What is wrong with the colleague's gain? Choose one, and write its letter.
+# What is wrong with the colleague's gain? Choose one, and write its letter, as in
+# `answer_22 = "a"`.
 #
 # - (a) The price of the input is a hundred times too high.
 # - (b) It is used as $u = K x$, and was made for $u = -K x$.
@@ -180,9 +181,15 @@ upright = pp.LTI(A_up, B_up, torch.eye(2), torch.zeros(2, 1))
 leaning = torch.tensor([0.1, 0.0])
 weights = torch.block_diag(Q_up, R_up)
 for name, Qf in {"without": None, "with": P_up}.items():
-    x, u, cost = pp.LQR(upright, weights, None, T=3, Qf=Qf)(leaning)
-    print(name, "terminal cost:", u[:, 0])
-print("endless plan begins with", -K_up @ leaning)
+    x_plan, u_plan, cost = pp.LQR(upright, weights, None, T=3, Qf=Qf)(leaning)
+    print(name, "terminal cost:", u_plan[:, 0])
+
+x = leaning
+endless = []
+for _ in range(3):
+    endless.append(-K_up @ x)
+    x = A_up @ x + B_up @ endless[-1]
+print("the endless plan begins with", torch.cat(endless))
 
 # %% [markdown]
 # ## Exercise 2.4: Integral action
@@ -240,8 +247,9 @@ check("2.4", integral_gain)
 #
 # <!-- given: 1 m, 5 N, 0.1 rad, 2.5 s, 5 cm -->
 #
-# With all weights equal the cart is much too slow. The function below lets you see what your
-# weights do.
+# Write your weights as a tensor `cart_weights`, in the order of the state, that of the force last.
+# With all weights equal the cart is much too slow. The functions below let you see what weights do,
+# `report(cart_weights)`.
 
 
 # %%
@@ -456,8 +464,9 @@ check("2.7", learn_weight)
 #
 # <!-- given: 0.5 m, half a metre, half, 1.5 rad, 1 cm, 2 cm, 5 s -->
 #
-# You may guess, or let `pp.dlqr` guess for a model without legs. At 0.5 m/s its matrices are the
-# following. <!-- given: 0.5 m -->
+# Write it as a tensor `dog_gain`, that of the offset first; the turn rate is
+# `dog_gain @ [offset, heading]`. You may guess, or let `pp.dlqr` guess for a model without legs. At
+# 0.5 m/s its matrices are the following. <!-- given: 0.5 m -->
 
 # %%
 dt = 0.1

@@ -641,7 +641,8 @@ trials = {
 }
 rows, walked = [], {name: way[-1] for name, (way, *_) in trials.items()}
 for name, (_, refused, age, raised) in trials.items():
-    rows.append(f"{name} | {refused} | {age:.2f} | {walked[name]:.2f} | {raised}")
+    why = str(raised).split(" (")[0]  # in parentheses: what to do
+    rows.append(f"{name} | {refused} | {age:.2f} | {walked[name]:.2f} | {why}")
 display(table("fault | refused | age of the state (s) | walked (m) | raises", rows))
 claim("pro_walks", walked["Pro, flag EE"], below=0.001, unit="m")
 claim("pro_age", trials["Pro, flag EE"][2], below=0.05, unit="s")

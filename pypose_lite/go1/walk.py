@@ -8,8 +8,9 @@ robot reports, moved on by what was sent meanwhile. Chapter 9 finds both numbers
 what happens without them.
 """
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +40,8 @@ def walk(
     """Walks once around the infinity, and returns the run as the robot itself saw it.
 
     Args:
-        robot: stands where the curve begins (`connect(start=START)`).
+        robot: stands where the curve begins (`connect(start=START)`); where it was given no
+            area, it is kept in `AREA`.
         speed: m/s, along the curve, and never faster.
         delay: s, from a motion sent to a pose that knows of it, there and back.
         lag: s, the time constant with which the legs follow.
@@ -56,7 +58,7 @@ def walk(
 
     guide = Guide(robot, speed, delay, lag, report)
     fastest = torch.tensor([speed, FASTEST_TURN])
-    with torch.no_grad():
+    with torch.no_grad(), _fenced(robot):
         return infinity.drive(
             guide,
             infinity.RealRobot(robot, STEP),
@@ -65,6 +67,17 @@ def walk(
             u_lower=fastest * torch.tensor([0.0, -1.0]),
             u_upper=fastest,
         )
+
+
+@contextlib.contextmanager
+def _fenced(robot: Robot) -> Iterator[None]:
+    """Keeps a robot that has no area of its own in that of the infinity, for a walk."""
+    watcher = robot.pilot.watcher
+    before, watcher.area = watcher.area, watcher.area or AREA
+    try:
+        yield
+    finally:
+        watcher.area = before
 
 
 class Stuck(RuntimeError):

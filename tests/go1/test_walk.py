@@ -106,6 +106,15 @@ def test_a_walk_is_stopped_when_the_robot_does_something_else(watch, mishap, why
     assert velocity(seen.sent[-1][1]) == (0.0, 0.0, 0.0)
 
 
+def test_a_robot_without_an_area_is_kept_in_the_infinitys_for_the_walk(watch):
+    seen = watch(start=START, ignore={"motion"})
+    seen.robot.simulator.dog.numbers = go1.Numbers(scale=8.0)  # it believes that it is far away
+
+    with pytest.raises(go1.RobotStopped, match="it left the area"):
+        walk(seen.robot)
+    assert seen.robot.pilot.watcher.area is None
+
+
 @pytest.mark.parametrize(
     ("numbers", "reason"),
     [

@@ -5,6 +5,7 @@ import math
 import re
 import signal
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -307,3 +308,14 @@ def test_a_question_is_put_where_people_read_it(capsys, monkeypatch):
     said = capsys.readouterr()
     assert said.out == "" and said.err == "It will move.\nDo it? [y/N] "
     assert math.isfinite(robot.now())
+
+
+def test_versions_are_told_where_packets_carry_them():
+    from pypose_lite.go1.program.description import as_table, describe
+
+    with go1.connect() as robot:
+        assert "version" not in as_table(describe(robot))
+        state = robot.simulator.dog.state
+        robot.simulator.dog.state = lambda: replace(state(), version=(0x25, 0x386))
+        robot.wait(0.1)
+        assert "Go1 Edu, version 0x25 0x386" in as_table(describe(robot))

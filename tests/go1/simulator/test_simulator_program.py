@@ -1,11 +1,14 @@
+import math
 import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
 from pypose_lite import go1
+from pypose_lite.go1.wire.protocol import HighCmd, encode_command
 
 PROGRAM = [sys.executable, "-W", "error", "-m", "pypose_lite.go1.simulator", "--port", "0"]
 
@@ -50,3 +53,38 @@ def test_options_that_do_not_fit_are_told_in_one_line(options, message, capsys):
         main(["--port", "0", *options])
     assert ended.value.code == 2
     assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_packet_that_no_body_can_follow_is_a_line_and_not_the_end(monkeypatch, capsys):
+    """The program's own loop, for three packets and then Ctrl-C."""
+    from pypose_lite.go1.simulator import __main__ as program
+
+    walk = HighCmd(mode=2, gait_type=1)
+    packets = [replace(walk, yaw_speed=math.inf), replace(walk, euler=(math.nan, 0.0, 0.0)), walk]
+    waiting, answers = [encode_command(packet) for packet in packets], []
+
+    class Server:
+        port = 8082
+
+        def __init__(self, *arguments):
+            pass
+
+        def receive(self, timeout):
+            if not waiting and timeout > 0.0:
+                raise KeyboardInterrupt
+            return waiting.pop(0) if waiting else None
+
+        def send(self, data):
+            answers.append(data)
+
+        def close(self):
+            answers.append("closed")
+
+    monkeypatch.setattr(program, "UdpServer", Server)
+    program.main([])
+    said = capsys.readouterr().out.splitlines()
+    assert said[1:] == [
+        "refused: yaw_speed is not finite, or greater than 100",
+        "refused: euler is not finite, or greater than 100",
+    ]
+    assert len(answers) == 4 and answers[-1] == "closed"

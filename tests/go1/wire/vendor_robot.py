@@ -14,7 +14,13 @@ import threading
 
 from unitree_legged_sdk import robot_interface as sdk
 
-from pypose_lite.go1.wire.protocol import COMMAND_SIZE, STATE_SIZE, HighState, encode_state
+from pypose_lite.go1.wire.protocol import (
+    COMMAND_SIZE,
+    STATE_SIZE,
+    BmsState,
+    HighState,
+    encode_state,
+)
 
 
 def sockets():
@@ -39,6 +45,8 @@ while not ended.wait(0.002):
             continue
     answers.append(udp.Recv())
     tick += 1
-    ear.sendto(encode_state(HighState(position=(1.0 + 0.001 * tick, -2.0, 0.28), mode=2)), client)
+    place = 1.0 + 0.001 * tick, -2.0, 0.28
+    state = HighState(position=place, mode=2, body_height=0.28, bms=BmsState(soc=80))
+    ear.sendto(encode_state(state), client)
 heard = [answer for answer in answers if answer not in (-1, -4)]  # those are "nothing came"
 print("REPORT", json.dumps({"accepted": heard.count(0), "heard": len(heard)}), flush=True)

@@ -16,7 +16,8 @@
 # This lab belongs to [chapter 3](../book/03_mpc.py). You write the parts of a planner, find the
 # fault in another one, test plans for being optimal, choose a terminal cost, learn what a driver
 # believes, and walk the simulated Go1. Each exercise says how long it takes, has three hints to
-# open one after the other, and ends in a check.
+# open one after the other, and ends in a check. All of them together take about 110 minutes.
+# <!-- given: 110 minutes -->
 
 # %% tags=["setup"]
 import math
@@ -138,8 +139,10 @@ check("3.2", line_search)
 # Along a plan, changes obey $\delta x_{t+1} = A_t\, \delta x_t + B_t\, \delta u_t$, and each step
 # costs $\tfrac12 \delta z_t^\top Q\, \delta z_t + q_t^\top \delta z_t$ with
 # $\delta z_t = [\delta x_t, \delta u_t]$. The state after the last step costs nothing. A colleague
-# has written the backward recursion below. The first figure shows what a planner that uses it does:
-# it never converges. Find the fault and write the function as it should be. (There is only one.)
+# has written the backward recursion below. The figure shows what a planner that uses it does: its
+# cost settles far above the best one. Find the fault, say to yourself which of the two results it
+# spoils, and write the function as it should be. (There is only one fault. The chapter's `backward`
+# is the same recursion; try without it first.)
 #
 # `A` is $(T, n, n)$, `B` is $(T, n, m)$, `Q` is $(n+m, n+m)$, `q` is $(T, n+m)$. Return `k`
 # $(T, m)$ and `K` $(T, m, n)$ of $\delta u_t = k_t + K_t\, \delta x_t$.
@@ -164,7 +167,7 @@ def faulty_backward(A, B, Q, q):
 
 
 # %% tags=["hide-input"]
-def planned_with(backward, sweeps=12):
+def planned_with(backward, sweeps=40):
     x = waypoints[0].expand(11, 4)
     u = torch.zeros(10, 2)
     costs = []
@@ -183,12 +186,12 @@ def planned_with(backward, sweeps=12):
 
 
 fig, ax = plt.subplots(figsize=(7, 3))
-ax.plot(planned_with(faulty_backward), "o-", label="with the faulty recursion")
+ax.plot(planned_with(faulty_backward), ".-", label="with the faulty recursion")
 best = mpc.solve(dt, waypoints[0], waypoints[2]).cost
 ax.axhline(best, color="black", ls=":", label="the best cost")
 ax.set(xlabel="sweep", ylabel="cost of the plan")
 ax.legend()
-plotting.show(fig, "The cost of the plan stays far above the best one.")
+plotting.show(fig, "The cost of the plan settles far above the best one.")
 
 # %% [markdown]
 # :::{dropdown} Hint 1
@@ -230,7 +233,7 @@ def backward(A, B, Q, q):
 # %% [markdown] tags=["solution"]
 # The last line of the loop has lost $H_{ux}^\top k$. The gains $K$ do not notice: they depend on
 # $V$ alone. The changes $k$ do, at every step but the last one, and so the planner walks in a wrong
-# direction and never comes to rest. A test that looks at $K$ only would pass.
+# direction and comes to rest at a wrong plan. A test that looks at $K$ only would pass.
 
 # %%
 check("3.3", backward)
@@ -280,8 +283,9 @@ check("3.4", kkt_residual)
 #
 # *10 minutes. Verification, with your function.*
 #
-# Here are three plans from the start to the first waypoint. All of them keep the bounds, speed 0 to
-# 2 m/s and turn rate at most 1.5 rad/s. One of them is not optimal. Which one?
+# Here are three plans from the start to the first waypoint. All of them keep the bounds, speed 0
+# to 2 m/s and turn rate at most 1.5 rad/s. One of them fails the test of Exercise 3.4, and so
+# cannot be optimal. Which one?
 # <!-- given: 2 m, 1.5 rad -->
 
 # %%
@@ -308,7 +312,7 @@ def slope_of(u):
 
 
 # %% [markdown]
-# Write its letter.
+# Write its letter as `answer_35`, a text such as `"a"`.
 #
 # :::{dropdown} Hint 1
 # Call your `kkt_residual` with each plan, its slope and the bounds.
@@ -341,9 +345,10 @@ check("3.5", answer_35)
 # *15 minutes. Design.*
 #
 # With a horizon of two steps the car of the chapter parks. Choose a terminal cost $Q_f$ with which
-# it drives the whole infinity and is never more than 0.03 m from the path. `Qf` is $(4, 4)$ and
-# weighs the last state $[i, j, \cos, \sin]$.
-# <!-- given: two steps, 0.03 m -->
+# it drives the whole infinity in at most 60 steps and, at its steps, is never more than 0.03 m
+# from the path. `Qf` is $(4, 4)$ and weighs the last state $[i, j, \cos, \sin]$. Too little is not
+# enough to arrive, and too much is not right, either.
+# <!-- given: two steps, 0.03 m, 60 steps -->
 #
 # :::{dropdown} Hint 1
 # Try it: `infinity.drive(pp.MPC(car, Q, None, 2, Qf=Qf), steps=60)` drives the lap, and
@@ -365,9 +370,9 @@ Qf = 40 * Q[:4, :4]
 ### END SOLUTION
 
 # %% [markdown] tags=["solution"]
-# Everything that comes after the horizon has to be paid through $Q_f$. A second of driving at the
-# weights of a step would be ten steps more; a larger factor makes the car more eager still, and
-# faster than a small robot can be.
+# Everything that comes after the horizon has to be paid through $Q_f$. With a factor of ten the
+# car arrives, with forty it also keeps to the path. With a thousand, the inputs of the plan hardly
+# count any more, and the car overshoots its waypoints. <!-- given: ten, forty, a thousand -->
 
 # %%
 check("3.6", Qf)
@@ -375,15 +380,17 @@ check("3.6", Qf)
 # %% [markdown]
 # ## Exercise 3.7: What does the driver believe?
 #
-# *20 minutes. Differentiate through it.*
+# *30 minutes. Differentiate through it.*
 #
-# A driver plans as the chapter does, with a car whose wheels slip: `pp.DubinsCar(dt, slip)`. We see
-# where the driver was (`x`, $(N, 4)$), which waypoint came next (`target`, $(N, 4)$), and what they
-# did (`u`, $(N, 2)$): the first input of each plan, with a little noise. Find the slip that they
-# believe in, to within 0.01. It lies between 0 and 0.5. <!-- given: 0.01, 0.5 -->
+# A driver plans as the chapter does, with a car whose wheels slip, so that it loses the share
+# `slip` of each turn rate: `pp.DubinsCar(dt, slip)`. We see where the driver was (`x`, $(N, 4)$),
+# which waypoint came next (`target`, $(N, 4)$), and what they did (`u`, $(N, 2)$): the first input
+# of each plan, with a little noise. Find the slip that they believe in, to within 0.01. It lies
+# between 0 and 0.5. <!-- given: 0.01, 0.5, 0.2 -->
 #
 # A plan is differentiable: make `slip` a tensor with `requires_grad`, plan, compare with what the
-# driver did, and go downhill.
+# driver did, and go downhill. The cell below makes the data of a driver who believes in a slip of
+# 0.2, so that you can try your function; steps of 0.1 times the slope are a good size.
 #
 # :::{dropdown} Hint 1
 # The planner is `pp.MPC(pp.DubinsCar(dt, slip), Q, None, 10)`, and all plans can be made in one
@@ -395,16 +402,22 @@ check("3.6", Qf)
 # :::
 #
 # :::{dropdown} Hint 3
-# Begin at `slip = torch.tensor(0.2, requires_grad=True)`. A dozen steps
+# Begin at `slip = torch.tensor(0.1, requires_grad=True)`. A dozen steps
 # `slip = (slip - 0.1 * slope).detach().requires_grad_()` are enough.
 # :::
+
+# %%
+seen_x = waypoints[:12]
+seen_target = waypoints[1:13]
+driver = pp.MPC(pp.DubinsCar(dt, slip=0.2), Q, None, 10)
+seen_u = driver(dt, seen_x, seen_target)[1][:, 0]
 
 
 # %%
 def believed_slip(x, target, u):
     """Returns the slip with which the driver plans."""
     ### BEGIN SOLUTION
-    slip = torch.tensor(0.2, requires_grad=True)
+    slip = torch.tensor(0.1, requires_grad=True)
     for _ in range(12):
         planner = pp.MPC(pp.DubinsCar(dt, slip), Q, None, 10)
         inputs = planner(dt, x, target)[1]
@@ -419,9 +432,9 @@ def believed_slip(x, target, u):
 # We never saw the wheels, only decisions; this is called *inverse optimal control*. The gradient
 # comes from the implicit function theorem: at the optimum the slope of the cost vanishes whatever
 # the slip is, and differentiating that says how the plan moves with the slip. Chapter 8 does it
-# through the whole loop. Trying fifty values of the slip on a grid works here, too; with five
-# unknowns the grid would need millions of plans, the gradient as many as now.
-# <!-- given: fifty values -->
+# through the whole loop. Trying fifty values of the slip on a grid works here, too. With five
+# unknowns such a grid would have $50^5$ points, and the gradient is still one backward pass.
+# <!-- given: fifty values, five unknowns -->
 
 # %%
 check("3.7", believed_slip)
@@ -433,20 +446,23 @@ check("3.7", believed_slip)
 #
 # The Go1 takes the place of the car: `go1.connect("sim")` is a simulated dog that is sent real
 # packets. Its trot reaches 1.2 m/s and 1.5 rad/s, its legs answer late, and the plan knows nothing
-# of that. Choose bounds for the planner's inputs with which the dog finishes the lap within 20 s
-# and is less than 0.06 m from the path on average.
-# <!-- given: 1.2 m, 1.5 rad, 20 s, 0.06 m -->
+# of that. Choose bounds of the planner's inputs $[v, \varphi]$, `dog_lower` and `dog_upper`,
+# tensors of two numbers that the dog can keep. With them it shall finish the lap within 20 s and
+# be less than 0.06 m from the path on average, as it sees itself. (The planner makes three sweeps,
+# and a waypoint counts within 0.15 m. The last cell of this exercise is the walk; a try takes some
+# seconds.)
+# <!-- given: 1.2 m, 1.5 rad, 20 s, 0.06 m, 0.15 m, three sweeps, two numbers -->
 #
 # :::{dropdown} Hint 1
 # Bounds that the dog cannot keep are no bounds: the plan then relies on inputs that never happen.
 # :::
 #
 # :::{dropdown} Hint 2
-# May the dog walk backwards? What would a lower bound of 0 for the speed change?
+# Both circles have to be walked: the dog must be able to turn in both directions.
 # :::
 #
 # :::{dropdown} Hint 3
-# Begin with `lower = [0, -1.5]` and `upper = [1.2, 1.5]`.
+# The lower bound of the turn rate is a negative number. May the speed be negative, too? Try both.
 # :::
 
 # %%

@@ -925,8 +925,8 @@ claim("wild_speed", turned_u[-1, :, 0].max(), above=3, unit="m/s")
 # {cite:t}`boyd_ee363`, which is this chapter; {cite:t}`astrom2021` on integral action.
 #
 # **In [the lab](../exercises/02_lqr.py)** you write the Riccati step for $Q$ and $R$, find a wrong
-# sign by its symptom, balance a pole on a cart within given bounds, remove a constant error, write
-# the test that catches a wrong transpose, learn a driver's weights from a drive, and make a plan of
-# a few steps as good as an endless one.
+# sign by its symptom, make a short plan as good as an endless one, remove a constant error, balance
+# a pole on a cart, write a test that catches a wrong transpose, learn what a driver wants, and walk
+# the simulated Go1 to a line.
 #
 # Next: [chapter 3](03_mpc.py) linearises where the car is, and plans anew in every step.

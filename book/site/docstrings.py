@@ -40,9 +40,15 @@ def skipped(app, what, name, obj, skip, options):
     return True if (inspect.getdoc(obj) or "").startswith("Alias for field number") else None
 
 
+def short_types(app, what, name, obj, options, signature, returns):
+    """Names types without their modules: ``Problem`` for ``~pypose_lite.control.Problem``."""
+    return tuple(text and re.sub(r"~[\w.]+\.(\w+)", r"\1", text) for text in (signature, returns))
+
+
 def setup(app):
     """Before napoleon, which reads the same lines."""
     app.connect("autodoc-process-docstring", as_written, priority=400)
     app.connect("autodoc-process-docstring", with_fields, priority=600)
+    app.connect("autodoc-process-signature", short_types)
     app.connect("autodoc-skip-member", skipped)
     return {"parallel_read_safe": True}

@@ -53,6 +53,13 @@ def test_the_fields_of_a_tuple_are_explained_by_their_comments():
     assert "- ``u``: inputs, (..., N, 2)" in lines
 
 
+def test_types_are_named_without_their_modules():
+    signature = "(problem: ~pypose_lite.control.problem.Problem, T: int)"
+    shown = docstrings.short_types(None, "", "", None, None, signature, "~torch.Tensor")
+    assert shown == ("(problem: Problem, T: int)", "Tensor")
+    assert docstrings.short_types(None, "", "", None, None, "()", None) == ("()", None)
+
+
 def test_python_says_nothing_of_a_field():
     assert docstrings.skipped(None, "class", "u", Run.u, False, None) is True
     assert docstrings.skipped(None, "class", "steps", Run.steps, False, None) is None

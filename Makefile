@@ -90,7 +90,7 @@ reset: .venv/.installed
 bench: .venv/.installed-bench
 	@mkdir -p build
 	pytest $(wildcard tests/bench/bench_*.py) -q --benchmark-group-by=group --benchmark-max-time=2 \
-		--benchmark-columns=min,median,rounds --benchmark-sort=fullname \
+		--benchmark-timer=time.process_time --benchmark-columns=min,median,rounds --benchmark-sort=fullname \
 		--benchmark-json=build/bench.json
 	python book/site/benchmarks.py build/bench.json book/benchmarks.md
 

@@ -15,7 +15,7 @@ from oracles import Affine, Clockwork, close, draw, matrices, weights
 
 import pypose_lite as pp
 from pypose_lite import infinity
-from pypose_lite.compiled import library, program
+from pypose_lite.compiled import library, program, source
 
 pytestmark = pytest.mark.usefixtures("float64", "compiler")
 
@@ -360,6 +360,15 @@ def test_a_compiled_step_that_is_not_the_systems_is_refused(g, lead):
     _, fast = pair(Twofold(), *weights(g, 3), 3)
     with pytest.raises(RuntimeError, match="Twofold cannot be compiled: it reads more than"):
         fast.solve(None, draw(g, *lead, 2))
+
+
+def test_too_large_a_system_is_refused_before_it_is_compiled(g, monkeypatch):
+    monkeypatch.setattr(source, "LARGEST", 20)
+    monkeypatch.setattr(program, "_libraries", {})
+    _, fast = pair(Clockwork(), *weights(g, 3), 3)
+    why = "it has more than 20 operations on single numbers, slopes included"
+    with pytest.raises(RuntimeError, match=f"Clockwork cannot be compiled: {why}"):
+        fast.solve(None, draw(g, 2))
 
 
 @pytest.mark.parametrize("version", ["2.3.1", "2.15.0+cpu", "3.0.0"])

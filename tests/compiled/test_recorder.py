@@ -125,6 +125,8 @@ def slope(x):
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_what_is_written_down_is_what_torch_computes(g, name):
+    if name == "poses" and torch.__version__ < "2.13":
+        pytest.skip("an older torch cannot make a subclass of what it shows to a dispatch mode")
     system = Given(FUNCTIONS[name])
     for t in (0, 1, 5):
         x, u = draw(g, 4).abs(), draw(g, 2).abs()

@@ -61,7 +61,7 @@ def table(benchmarks: list[dict]) -> str:
         notes, row = benchmark["extra_info"], {"": side, "time": duration(time)}
         if "count" in notes:
             row["time each"] = duration(time / notes["count"])
-        row[f"times {one}"] = f"{time / times[one]:.2f}"
+        row[f"times {one}"] = ratio(time / times[one])
         if "sweeps" in notes:
             row["sweeps"] = str(notes["sweeps"])
         if "worse" in notes:
@@ -82,6 +82,11 @@ def duration(seconds: float) -> str:
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 1e-6:.3g} µs"
+
+
+def ratio(value: float) -> str:
+    """A ratio with two digits after the point, or two digits that are not 0."""
+    return f"{value:.2f}" if value >= 0.1 else f"{value:.2g}"
 
 
 def excess(worse: float) -> str:

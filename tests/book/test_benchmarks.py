@@ -36,6 +36,13 @@ def test_an_excess_is_in_percent_and_none_where_it_is_not_worth_a_word(worse, te
     assert benchmarks.excess(worse) == text
 
 
+@pytest.mark.parametrize(
+    ("value", "text"), [(8.0, "8.00"), (0.104, "0.10"), (0.0996, "0.1"), (0.00432, "0.0043")]
+)
+def test_a_small_ratio_keeps_two_digits(value, text):
+    assert benchmarks.ratio(value) == text
+
+
 def test_the_time_of_a_side_that_did_a_share_is_that_of_all():
     assert benchmarks.seconds(record("ours", 0.5)) == 0.5
     assert benchmarks.seconds(record("IPOPT", 0.5, share=0.25)) == 2.0

@@ -27,9 +27,9 @@ PAGE = """# Speed
 
 What `make bench` measured on {date}, on one machine: {cpu}, one thread,
 Python {python}, {libraries}.
-All sides of a table solve the same problem in the same run. A time is the processor's, so that other
-work on the machine does not count, and that of the quickest round. Still, a second run may differ by
-a fifth.
+All sides of a table solve the same problem in the same run. A time is the processor's, so that
+other work on the machine does not count, and that of the quickest round. Still, a second run may
+differ by a fifth.
 
 *Times ours* is how many times longer than ours a side takes: 8 means that ours is done in an eighth
 of its time, and less than 1 that ours is the slower one. Where a side stops at a worse answer,

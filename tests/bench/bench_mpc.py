@@ -19,9 +19,9 @@ any programme, and with Fatrop, which is made for those of optimal control. Of a
 up to 16 plans, one after another, and its time is scaled to that of all. PyPose plans for one car
 at a time, too.
 
-*Ours, compiled* is the same controller after `mpc.compile()`. Compiling is not counted: it took 2
-seconds of the processor for single plans and 1 more for batches, once; another process that finds
-them on the disk was ready in 0.4 seconds. Before, torch's compiler took a minute in every process.
+*Ours, compiled* is the same controller after `mpc.compile()`. Compiling is not counted: it took two
+seconds of the processor for single plans and as long for batches, once; a process that finds both
+on the disk was ready in 0.4 seconds.
 
 *Ours* is code to be read, and pays for it. Beside the library's former code, which served both the
 reader and the compiler, and did small matrices in NumPy, one plan takes 1.4 to 1.7 times as long, a

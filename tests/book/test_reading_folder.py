@@ -94,8 +94,10 @@ def test_an_exercise_is_reset_and_the_readers_version_stays_beside_it(book, tmp_
     assert code(tmp_path / "2_exercises/03_mpc.mine.ipynb") == "answer = 1"
     assert code(tmp_path / "2_exercises/03_mpc.mine2.ipynb") == "answer = 2"
     book[EXERCISE][1] = "raise NotImplementedError('2.1')"
+    lab.reset(None, tmp_path, "03_mpc")
+    book[EXERCISE][1] = "raise NotImplementedError('2.2')"
     lab.stage(None, tmp_path)
-    assert code(tmp_path / EXERCISE) == "raise NotImplementedError('2.1')"
+    assert code(tmp_path / EXERCISE) == "raise NotImplementedError('2.2')"
 
 
 def test_any_notebook_is_reset_by_its_place(book, tmp_path):

@@ -116,7 +116,7 @@ def check_dt(system: System, dt) -> None:
     if getattr(dt, "shape", None) and math.prod(dt.shape) != 1:
         raise ValueError(f"dt: expected one time step for all, got shape {tuple(dt.shape)}")
     seconds = dt.item() if hasattr(dt, "item") else dt
-    if not isinstance(seconds, int | float) or not seconds > 0:
+    if not isinstance(seconds, int | float) or not 0 < seconds < math.inf:
         raise ValueError(f"dt: expected a positive time step, got {dt!r}")
     own = getattr(system, "dt", None)
     if isinstance(own, float | int) and not math.isclose(own, seconds, rel_tol=1e-6):

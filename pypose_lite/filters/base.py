@@ -70,7 +70,7 @@ class Filter(nn.Module):
             raise ValueError("mean_x: expected residual_x beside it, from which P is computed")
         self.model = model
         self.residual, self.mean_y = difference_and_mean(residual)
-        self.residual_x, self.mean_x = difference_and_mean(residual_x, mean_x)
+        self.residual_x, self.mean_x = difference_and_mean(residual_x, mean_x, "residual_x")
         self.wraps = residual_x is not None
         for name in ("Q", "R"):
             register(self, name, None)

@@ -29,7 +29,7 @@ def nees(x: Tensor, P: Tensor, truth: Tensor, residual_x: Difference | None = No
     Navigation" (2001), section 5.4.
     """
     check("x: n, P: n n, truth: n", x, P, truth)
-    difference, _ = difference_and_mean(residual_x)
+    difference, _ = difference_and_mean(residual_x, name="residual_x")
     e = difference(x, truth)
     return squared_distance(e.unsqueeze(-1), P, "P")[0].squeeze(-1)
 

@@ -61,36 +61,61 @@ def mean_by_differences(points: Tensor, w: Tensor, difference: Difference, round
     return mean
 
 
-def difference_and_mean(difference: Difference | None, mean: Mean | None = None):
-    """Returns what a filter uses where a user gave these: a difference, and a mean of points."""
+def difference_and_mean(
+    difference: Difference | None, mean: Mean | None = None, name: str = "residual"
+):
+    """Returns what a filter uses where a user gave these: a difference, and a mean of points.
+
+    Raises:
+        ValueError: for what is no function, by its name; once called, for results of another shape.
+    """
     if difference is None:
         return torch.sub, functools.partial(mean_by_differences, difference=torch.sub, rounds=1)
+    for whose, function in ((name, difference), ("mean_x", mean)):
+        if function is not None and not callable(function):
+            raise ValueError(f"{whose}: expected a function, got {type(function).__name__}")
     if getattr(difference, "func", None) is not _difference:
-        difference = functools.partial(_each_difference, difference)
+        difference = functools.partial(_each_difference, name, difference)
     if mean is not None:
         return difference, functools.partial(_each_mean, mean)
     return difference, functools.partial(mean_by_differences, difference=difference, rounds=ROUNDS)
 
 
-def _each_difference(difference: Difference, a: Tensor, b: Tensor) -> Tensor:
+def _each_difference(name: str, difference: Difference, a: Tensor, b: Tensor) -> Tensor:
     """Returns the differences of a batch by a function that may be written for one pair."""
     if a.shape != b.shape:
         a, b = torch.broadcast_tensors(a, b)
-    return over_batch(lambda a, b, _: difference(a, b), a, b, a.new_zeros(()), _warn_of_loop)
+
+    def one(a, b, _):
+        return _shaped(name, difference(a, b), a.shape)
+
+    return over_batch(one, a, b, a.new_zeros(()), functools.partial(_warn_of_loop, name))
 
 
 def _each_mean(mean: Mean, points: Tensor, w: Tensor) -> Tensor:
     """Returns the means of a batch by a function that may be written for one set of points."""
+
+    def one(points, w):
+        return _shaped("mean_x", mean(points, w), points.shape[-1:])
+
     w, batch = w.expand(points.shape[:-1]), points.shape[:-2]
     if not batch:
-        return mean(points, w)
+        return one(points, w)
     sets = points.reshape(-1, *points.shape[-2:]), w.reshape(-1, w.shape[-1])
-    return torch.vmap(mean)(*sets).reshape(*batch, -1)
+    return torch.vmap(one)(*sets).reshape(*batch, -1)
 
 
-def _warn_of_loop(error: Exception) -> None:
+def _shaped(name: str, d: Tensor, shape: tuple[int, ...]) -> Tensor:
+    """Returns what a user's function gave, in the shape of a vector, or says what it is instead."""
+    if isinstance(d, Tensor) and d.numel() == math.prod(shape):
+        return d.reshape(shape)
+    got = tuple(d.shape) if isinstance(d, Tensor) else type(d).__name__
+    raise ValueError(f"{name}: expected a tensor {tuple(shape)} as its result, got {got}")
+
+
+def _warn_of_loop(name: str, error: Exception) -> None:
     reason = str(error).strip().splitlines()[0]
-    warnings.warn(f"residual: torch.vmap cannot map it, which is slow: {reason}", stacklevel=2)
+    warnings.warn(f"{name}: torch.vmap cannot map it, which is slow: {reason}", stacklevel=2)
 
 
 def _difference(which: tuple[int, ...], a: Tensor, b: Tensor) -> Tensor:

@@ -137,6 +137,8 @@ def what_it_asks(g: Callable) -> list[str]:
 
     An argument with a default is left alone, unless its name says that it is the input or the time.
     """
+    if not callable(g):
+        raise ValueError(f"g: expected a function, got {type(g).__name__}")
     try:
         taken = inspect.signature(g.forward if isinstance(g, nn.Module) else g).parameters.values()
     except ValueError:  # some of torch's own functions do not say

@@ -13,6 +13,7 @@ so that one at -3.1 beside others at 3.1 becomes 3.18, and plain means of them a
 
 import math
 import warnings
+from numbers import Integral
 
 import torch
 from torch import Tensor
@@ -83,9 +84,9 @@ class PF(Filter):
         super().__init__(model, Q, R, residual=residual, residual_x=residual_x, mean_x=mean_x)
         if S is not None:
             raise ValueError("S: a PF takes no correlated noises; EKF and UKF do")
-        if particles < 1:
-            raise ValueError(f"particles: expected at least 1, got {particles}")
-        self.particles = particles
+        if not isinstance(particles, Integral) or particles < 1:
+            raise ValueError(f"particles: expected at least 1, got {particles!r}")
+        self.particles = int(particles)
 
     def forward(self, x, y, u, P, Q=None, R=None, t=None, generator=None):
         """Returns x and P of the next state: corrected with y, then predicted.

@@ -81,7 +81,7 @@ def _at_the_ends(points: Tensor, time: Tensor, slope: Tensor, e: Tensor, ends: A
         g, h = time[..., -1:, :], time[..., :1, :]
         seam = _no_jump(g, h, stop, start, e[-2:-1], e[:1], e[1:2])
         return seam, (e[-1:] - e[:1], torch.zeros_like(stop))  # (4)
-    if isinstance(ends, str) and ends != "clamped":
+    if ends != "clamped" and not (isinstance(ends, tuple | list) and len(ends) == 2):
         words = 'expected "natural", "clamped", "periodic" or two tangents'
         raise ValueError(f"ends: {words}, got {ends!r}")
     rest = torch.zeros_like(points[..., 0, :])

@@ -1,7 +1,8 @@
 """The error where a function has a value but no derivative: a root, a norm or an angle at 0.
 
 Left alone, a NaN or an infinity would pass through a covariance or a plan without a word. So would
-the zero that torch gives for the slope of ``atan2(0, 0)`` or of a norm at 0: it is made NaN.
+the zero that torch gives for the slope of ``atan2(0, 0)`` or of a norm at 0: it is made NaN. And so
+would the zeros that torch gives for a function that takes its numbers out of torch: they warn.
 """
 
 import math
@@ -13,17 +14,20 @@ import torch
 from torch import Tensor, nn
 
 from ..shapes import has_numbers
+from .slow import warn_of_lost_slopes
 
 ADVICE = (
     "Roots, powers below 1, norms and angles have no derivative at 0, nor acos at 1. Smooth them, "
     "as (v**2 + 1e-9).sqrt() does, or stay away from there; torch.where does not help unless the "
     "branch that it drops is finite, too"
 )
-
 # Where the nodes of torch's graph that answer 0 have no derivative; the names are torch's.
 NO_SLOPE: dict[str, Callable] = {
     "Atan2Backward0": lambda node: (node._saved_self == 0) & (node._saved_other == 0),
     "LinalgVectorNormBackward0": lambda node: node._saved_result == 0,
+    "DistBackward0": lambda node: node._saved_result == 0,
+    "NormBackward1": lambda node: node._saved_result == 0,  # a mapped torch.dist
+    "AbsBackward0": lambda node: (node._saved_self == 0) & node._saved_self.is_complex(),
 }
 
 
@@ -71,8 +75,9 @@ class Place(NamedTuple):
 def refuse_kinks(place: Place, function: Callable, x, u, y: Tensor, slopes: Tensor) -> None:
     """Raises ValueError where a Jacobian is not finite though the function itself is.
 
-    It costs a sum where all is well. Inside ``torch.vmap`` and while torch compiles, where numbers
-    cannot be asked for, nothing is refused.
+    Warns where all derivatives are 0 though the function moves with x or u. All of it costs a sum
+    where all is well. Inside ``torch.vmap`` and while torch compiles, where numbers cannot be asked
+    for, nothing is refused.
 
     Args:
         place: what the error names.
@@ -82,9 +87,14 @@ def refuse_kinks(place: Place, function: Callable, x, u, y: Tensor, slopes: Tens
         y: ``(..., p)``.
         slopes: the Jacobian by ``[x, u]``, ``(..., p, n+m)``, or by x alone.
     """
-    bad = _bad(slopes, y)
+    total = slopes.detach().sum().item() if has_numbers(slopes) else 1.0
+    if total == 0 and not slopes.any():
+        if _moves(_differences(function, x, u, y)[..., : slopes.shape[-1]], y):
+            warn_of_lost_slopes(place.system, place.name)
+    bad = None if math.isfinite(total) else _bad(slopes, y)
     if bad is not None:
-        kinked = torch.where(bad, _disagreement(function, x, u, y)[..., : bad.shape[-1]], -1)
+        apart = _spread(_differences(function, x, u, y)[..., : slopes.shape[-1]])
+        kinked = torch.where(bad, apart.nan_to_num(torch.inf), -1)
         *member, _, _ = bad.nonzero()[0].tolist()
         i, j = (kinked[tuple(member)] >= kinked[tuple(member)].max() / 2).nonzero()[0].tolist()
         entry = f"d{_letter(place)}[{i}]/d{_component(j, x)}"
@@ -116,9 +126,16 @@ def _bad(slopes: Tensor, y: Tensor) -> Tensor | None:
     return bad if bad.any() else None
 
 
+def _moves(found: Tensor, y: Tensor) -> bool:
+    """Returns whether slopes by differences agree anywhere on a number that is not 0."""
+    size = found.abs().amax(0)
+    small = torch.finfo(y.dtype).eps ** 0.25 * (1 + y.detach().abs().unsqueeze(-1))
+    return bool(((size > small) & (_spread(found) < size / 2)).any())
+
+
 @torch.no_grad()
-def _disagreement(function: Callable, x: Tensor, u: Tensor, y: Tensor) -> Tensor:
-    """Returns how far slopes by differences disagree, for each component by each of z = [x, u].
+def _differences(function: Callable, x: Tensor, u: Tensor, y: Tensor) -> Tensor:
+    """Returns slopes by differences, three for each component by each of z = [x, u].
 
     They are taken to both sides, and over a shorter step, and disagree where a derivative is
     missing. The derivatives that torch returns say less: one component that has none makes NaN of
@@ -129,11 +146,14 @@ def _disagreement(function: Callable, x: Tensor, u: Tensor, y: Tensor) -> Tensor
     for way in torch.eye(sum(sizes), dtype=z.dtype, device=z.device):
         try:
             moved = [function(*(z + s * way).split(sizes, -1)) for s in (h, -h, h / 8)]
-            slopes = torch.stack([(f - y) / s for f, s in zip(moved, (h, -h, h / 8))])
-            found.append((slopes.amax(0) - slopes.amin(0)).nan_to_num(torch.inf))
+            found.append(torch.stack([(f - y) / s for f, s in zip(moved, (h, -h, h / 8))]))
         except Exception:  # f may have no value there
-            found.append(torch.full_like(y, torch.inf))
+            found.append(torch.full_like(y, torch.nan).expand(3, *y.shape))
     return torch.stack(found, -1)
+
+
+def _spread(found: Tensor) -> Tensor:
+    return found.amax(0) - found.amin(0)
 
 
 def _letter(place: Place) -> str:

@@ -1,4 +1,4 @@
-"""The warning of a function that has to be called for one member of a batch after the other."""
+"""Warnings, once each, of functions that torch cannot map over a batch, or not differentiate."""
 
 import os
 import traceback
@@ -20,16 +20,14 @@ REASONS = {
 LIBRARIES = tuple(
     f"{Path(file).parents[n]}{os.sep}" for file, n in ((torch.__file__, 0), (__file__, 1))
 )
-_told: weakref.WeakSet[Callable] = weakref.WeakSet()
+_slow: weakref.WeakSet[Callable] = weakref.WeakSet()
+_lost: weakref.WeakSet[Callable] = weakref.WeakSet()
 
 
 def warn_once(system, name: str, error: Exception) -> None:
     """Warns, once for each function, at the line of it that ``torch.vmap`` cannot map."""
-    function = written_by_user(system, name)
-    function = getattr(function, "__func__", function)
-    if function in _told:
+    if not _first_time(system, name, _slow):
         return
-    _told.add(function)
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not frame.filename.startswith(LIBRARIES)]
     line = (own or list(frames))[-1]
@@ -44,3 +42,22 @@ def warn_once(system, name: str, error: Exception) -> None:
         line.filename,
         line.lineno or 0,
     )
+
+
+def warn_of_lost_slopes(system, name: str) -> None:
+    """Warns, once for each function, that torch finds derivatives of 0 where there are others."""
+    if _first_time(system, name, _lost):
+        warnings.warn(
+            f"{name} of {type(system).__name__} has lost its derivatives: torch finds 0 for all of "
+            "them. It takes its numbers out of torch, as torch.tensor([state[0], ...]), .item(), "
+            "math, NumPy and torch.no_grad do: write torch.stack([state[0], ...]), torch.sin",
+            stacklevel=2,
+        )
+
+
+def _first_time(system, name: str, told: weakref.WeakSet[Callable]) -> bool:
+    function = written_by_user(system, name)
+    function = getattr(function, "__func__", function)
+    first = function not in told
+    told.add(function)
+    return first

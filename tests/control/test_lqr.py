@@ -448,6 +448,7 @@ def diag(numbers):
         ({"dt": 0}, "dt: expected a positive time step, got 0"),
         ({"dt": -0.1}, "dt: expected a positive time step, got -0.1"),
         ({"dt": float("nan")}, "dt: expected a positive time step, got nan"),
+        ({"dt": float("inf")}, "dt: expected a positive time step, got inf"),
         ({"dt": "fast"}, "dt: expected a positive time step, got 'fast'"),
         ({"u_traj": zeros(4, 1)}, "u_traj: expected (..., T=5, 1), got (4, 1)"),
         ({"u_traj": zeros(5, 2)}, "u_traj: expected (..., T=5, 1), got (5, 2)"),

@@ -193,6 +193,8 @@ P = points(4, 2)
         (lambda: cubic_spline(P, ends="periodic"), "points: expected the last to be the first"),
         (lambda: chspline(P, ends="periodic"), "points: expected the last to be the first"),
         (lambda: cubic_spline(P, ends="loose"), "ends: expected \"natural\", .*got 'loose'"),
+        (lambda: cubic_spline(P, ends=None), "ends: expected .* or two tangents, got None"),
+        (lambda: cubic_spline(P, ends=(P[0],)), "ends: expected .* or two tangents, got"),
         (lambda: hermite(P, ends="natural"), 'ends: expected "one-sided" or "periodic", got'),
         (lambda: hermite(P, P, ends="periodic"), "ends: expected no word"),
         (lambda: cubic_spline(P, ends=(P[0], P[0, :1])), r"last: expected \(\.\.\., d=2\)"),

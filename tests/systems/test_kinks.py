@@ -1,5 +1,9 @@
 """Where a function has no derivative, an error says so; the derivatives next to there are right."""
 
+import math
+import warnings
+
+import numpy as np
 import pytest
 import torch
 from oracles import central, close, draw
@@ -17,6 +21,8 @@ KINKS = {
     "a norm": (lambda x: torch.linalg.vector_norm(x), [0.0, 0.0]),
     "a norm of a method": (lambda x: x.norm(), [0.0, 0.0]),
     "a norm of rows": (lambda x: torch.linalg.norm(x[None], dim=-1)[0], [0.0, 0.0]),
+    "a distance": (lambda x: torch.dist(x, torch.tensor([1.0, 2.0])), [1.0, 2.0]),
+    "a complex size": (lambda x: torch.complex(x[0], x[1]).abs(), [0.0, 0.0]),
     "a hypotenuse": (lambda x: torch.hypot(x[0], x[1]), [0.0, 0.0]),
     "a range to a beacon": (lambda x: (x - torch.tensor([1.0, 2.0])).norm(), [1.0, 2.0]),
     "a bearing": (lambda x: torch.atan2(x[0] - 1, x[1] - 2), [1.0, 2.0]),
@@ -138,6 +144,54 @@ def test_where_the_function_itself_is_not_finite_nothing_is_said_of_slopes():
     f, A, _ = Logarithm().linearize_transition(x, u)
     assert f.isinf().tolist() == [True, False] and not A.isfinite().all()
     Logarithm().expand_transition(x, u)[3](torch.ones(2))
+
+
+# Each maps x (2,) to numbers that torch has lost sight of.
+DETACHED = {
+    "a new tensor": lambda x: torch.tensor([x[0] + x[1], 2 * x[1]]),
+    "a float": lambda x: torch.tensor([math.sin(x[0]), 0.0]),
+    "NumPy": lambda x: torch.from_numpy(np.sin(x.detach().numpy())),
+    "no_grad": torch.no_grad()(lambda x: x.sin()),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*slow for batches", "ignore:Converting a tensor")
+@pytest.mark.parametrize("name", DETACHED)
+def test_derivatives_that_torch_has_lost_warn_once(name):
+    class Detached(pp.NLS):
+        def state_transition(self, state, input):
+            return DETACHED[name](state)
+
+    x, u = torch.tensor([[0.3, 1.0], [0.0, 2.0]]), torch.zeros(1)
+    with pytest.warns(UserWarning, match="state_transition of Detached has lost its derivatives"):
+        Detached().linearize_transition(x[0], u)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Detached().linearize_transition(x[0], u)
+
+
+# Derivatives of 0 that torch has right, or for which it has a convention.
+FLAT = {
+    "a constant": lambda x: torch.ones(2),
+    "a minimum": lambda x: x**2,
+    "a saddle": lambda x: x**3,
+    "a ramp": torch.relu,
+    "a size": lambda x: x.abs(),
+    "a whole number": lambda x: (x + 0.2).round(),
+}
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("name", FLAT)
+def test_where_a_function_does_not_move_zeros_are_right(name, dtype):
+    class Flat(pp.NLS):
+        def state_transition(self, state, input):
+            return FLAT[name](state).to(dtype)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        A = Flat().linearize_transition(torch.zeros(3, 2, dtype=dtype), torch.zeros(1).to(dtype))[1]
+    close(A, torch.zeros(3, 2, 2, dtype=dtype), 0)
 
 
 def test_slopes_whose_sum_overflows_are_finite_all_the_same():

@@ -18,6 +18,8 @@ LITERAL = re.compile(r"(```.*?```|``.+?``|<pre.*?</pre>)", re.DOTALL)
 ROLE = re.compile(r"\{([\w:-]+)\}`([^`]+)`")
 EQUATION = re.compile(r"\$\$(.+?)\$\$[ \t]*\(([\w-]+)\)", re.DOTALL)
 FENCE = re.compile(r"^(:::+|```+)\{(\w+)\}(.*?)\n(.*?)^\1[ \t]*$", re.DOTALL | re.MULTILINE)
+OWN_LINE = re.compile(r"^[ \t]*<!--.*?-->[ \t]*\n?", re.DOTALL | re.MULTILINE)
+COMMENT = re.compile(r"[ \t]*<!--.*?-->", re.DOTALL)
 TARGET = re.compile(r"^\([\w-]+\)=\n", re.MULTILINE)
 NOTES = ("note", "tip", "important", "warning", "caution", "hint", "seealso", "admonition")
 
@@ -45,7 +47,7 @@ class Plain:
 
     def __call__(self, text: str) -> str:
         """Returns the text without roles and directives."""
-        text = TARGET.sub("", re.sub(r"<!--.*?-->\n?", "", text, flags=re.DOTALL))
+        text = TARGET.sub("", COMMENT.sub("", OWN_LINE.sub("", text)))
         text = FENCE.sub(self._directive, text)
         parts = LITERAL.split(text)
         parts[::2] = [self._prose(part) for part in parts[::2]]

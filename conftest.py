@@ -48,8 +48,10 @@ class Proofreading(pytest.Item):
             item.cell.outputs = item.test_outputs or []
         made = [asdict(claim) for claim in claims.claims_in(chapter.nb)]
         folder = Path(os.environ.get("CLAIMS", ROOT / "build" / "claims"))
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{chapter.path.stem}.json").write_text(json.dumps(made, indent=1) + "\n")
+        page = chapter.path.relative_to(ROOT).with_suffix(".json")  # labs bear lessons' names
+        record = folder / (page.relative_to("book") if page.parts[0] == "book" else page)
+        record.parent.mkdir(parents=True, exist_ok=True)
+        record.write_text(json.dumps(made, indent=1) + "\n")
         if complaints := proofread.complaints(chapter.nb, chapter.path):
             raise AssertionError("\n".join(complaints))
 

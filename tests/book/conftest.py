@@ -19,16 +19,19 @@ FLAGS = (
 
 @pytest.fixture(scope="module")
 def run_book(tmp_path_factory):
-    """Runs pytest, set up as in this repository, on a book of these chapters; by name, cells."""
+    """Runs pytest, set up as in this repository, on lessons and labs; by name, cells."""
 
-    def run(chapters):
+    def run(chapters, labs=None):
         root = tmp_path_factory.mktemp("root")
-        (root / "book").mkdir()
+        for folder in ("book", "solutions"):
+            (root / folder).mkdir()
         for name in ("conftest.py", "pyproject.toml"):
             shutil.copy(ROOT / name, root)
         for name, cells in chapters.items():
             (root / "book" / name).write_text(HEADER + cells)
-        command = [sys.executable, "-m", "pytest", "book", "-q", "--color=no"]
+        for name, cells in (labs or {}).items():
+            (root / "solutions" / name).write_text(HEADER + cells)
+        command = [sys.executable, "-m", "pytest", "book", "solutions", "-q", "--color=no"]
         env = os.environ | {"PYTEST_ADDOPTS": ""}
         done = subprocess.run(
             command, cwd=root, env=env, capture_output=True, text=True, timeout=240

@@ -7,6 +7,7 @@ import api
 import contents
 import jupytext
 import pytest
+import scoreboard
 from pages import notebooks, texts
 from small_books import CLAIM, ERROR, FIGURE, PROSE
 
@@ -49,6 +50,12 @@ def test_pytest_names_each_fault_of_a_chapter(report, line):
 def test_pytest_finds_no_fault_in_a_good_chapter(report):
     assert "good.py" not in report
     assert "4 failed" in report.splitlines()[-1]
+
+
+def test_the_records_of_a_lesson_and_of_its_lab_lie_side_by_side(run_book):
+    root, _ = run_book({"01_one.py": CLAIM.format(0.5)}, {"01_one.py": CLAIM.format(0.25)})
+    values = [claim.value for claim in scoreboard.recorded(root / "build" / "claims").values()]
+    assert values == [0.5, 0.25]
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)

@@ -5,7 +5,7 @@ from torch import Tensor
 
 def bmv(mat: Tensor, vec: Tensor) -> Tensor:
     """Batched matrix times vector: ``(..., n, m), (..., m) -> (..., n)``."""
-    return (mat @ vec.unsqueeze(-1)).squeeze(-1)
+    return mat @ vec if vec.ndim == 1 else (mat @ vec.unsqueeze(-1)).squeeze(-1)
 
 
 def bvv(lvec: Tensor, rvec: Tensor) -> Tensor:

@@ -115,10 +115,10 @@ def follow(
     problem: Problem, x_init: Tensor, X: Tensor, U: Tensor, K: Tensor, k: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Returns the states and the inputs of ``u = U + k + K (x - X)``, kept within the bounds."""
-    bounds = problem.bounds(U)
+    bounds, aim = problem.bounds(U), U + k
     x, states, inputs = x_init, [x_init], []
     for i, t in enumerate(problem.t):
-        u = U[i] + k[i] + bmv(K[i], x - X[i])
+        u = aim[i] + bmv(K[i], x - X[i])
         u = u if bounds is None else torch.clamp(u, bounds[0][i], bounds[1][i])
         x = problem.system.transition(x, u, t)
         states.append(x)

@@ -13,8 +13,8 @@ from pypose_lite.teaching.proofread.code import defined, parsed
 def with_given_outputs(exercise: Any, solution: Any) -> Any:
     """Returns the exercise with the solution's outputs, but for those that depend on answers."""
     solved = {cell.source: cell for cell in _code(solution)}
-    # The names that a student defines, and, below, those computed from them.
-    answers = _defined(_code(solution)) - _defined(_code(exercise))
+    # The names that a student defines, and, below, those computed from them; verdicts on them.
+    answers = _defined(_code(solution)) - _defined(_code(exercise)) | {"check", "progress"}
     for cell in _code(exercise):
         tree = parsed(cell)
         if cell.source in solved and not used(tree) & answers:

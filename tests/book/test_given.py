@@ -26,6 +26,7 @@ def notebook(*sources, ran=False):
             [False, False, False, True],
         ),
         (["raise stub", "check(a)"], ["a = 3", "check(a)"], [False, False]),
+        (["x = 1", "progress()"], ["x = 1", "progress()"], [True, False]),
         (["raise stub", "b = a", "plot(b)"], ["a = 3", "b = a", "plot(b)"], [False] * 3),
     ],
 )

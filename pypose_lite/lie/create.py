@@ -50,7 +50,8 @@ def mat2SE3(mat: Any, check: bool = True, rtol: float = 1e-5, atol: float = 1e-5
     q = mat2SO3(M, check, rtol, atol).tensor()
     if check and M.shape[-2] == 4 and has_numbers(M):
         row = M.detach()[..., 3, :]
-        if not torch.allclose(row, row.new_tensor([0, 0, 0, 1]).expand_as(row), rtol, atol):
+        last = torch.tensor([0, 0, 0, 1], dtype=row.dtype, device=row.device)
+        if not torch.allclose(row, last.expand_as(row), rtol, atol):
             raise ValueError(f"mat: expected last rows [0, 0, 0, 1], got {row.tolist()}")
     t = M[..., :3, 3] if M.shape[-1] == 4 else torch.zeros_like(M[..., 0])
     return torch.cat([t, q], -1).as_subclass(SE3)

@@ -99,7 +99,8 @@ def se2_matrix(T: Tensor) -> Tensor:
     """The homogeneous matrix ``(..., 3, 3)`` of ``T (..., 4)``."""
     check("T: n", T, n=4)
     top = torch.cat([so2_matrix(T[..., 2:]), T[..., :2, None]], -1)
-    return torch.cat([top, top.new_tensor([0, 0, 1]).expand_as(top[..., :1, :])], -2)
+    last = torch.tensor([0, 0, 1], dtype=top.dtype, device=top.device)
+    return torch.cat([top, last.expand_as(top[..., :1, :])], -2)
 
 
 def se2_adjoint(T: Tensor) -> Tensor:

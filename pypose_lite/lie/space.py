@@ -143,7 +143,8 @@ def se3_matrix(T: Tensor) -> Tensor:
     """The homogeneous matrix ``(..., 4, 4)`` of ``T (..., 7)``."""
     check("T: n", T, n=7)
     top = torch.cat([so3_matrix(T[..., 3:]), T[..., :3, None]], -1)
-    return torch.cat([top, top.new_tensor([0, 0, 0, 1]).expand_as(top[..., :1, :])], -2)
+    last = torch.tensor([0, 0, 0, 1], dtype=top.dtype, device=top.device)
+    return torch.cat([top, last.expand_as(top[..., :1, :])], -2)
 
 
 def se3_adjoint(T: Tensor) -> Tensor:

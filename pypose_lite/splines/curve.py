@@ -135,13 +135,14 @@ class Spline:
 
     def _refuse_outside(self, t: Tensor) -> None:
         """Raises ValueError where a parameter lies before the first knot or beyond the last."""
-        times = t.new_tensor([0, self.segments]) if self.times is None else self.times.detach()
+        ends = torch.tensor([0, self.segments], dtype=t.dtype, device=t.device)
+        times = ends if self.times is None else self.times.detach()
         first, last = times[..., :1], times[..., -1:]
         outside = (t < first) | (t > last)
         if has_numbers(outside) and outside.any():
-            ends = f"[{first.min().item():.6g}, {last.max().item():.6g}]"
+            between = f"[{first.min().item():.6g}, {last.max().item():.6g}]"
             got = f"{t.min().item():.6g} to {t.max().item():.6g}"
-            raise ValueError(f"t: expected parameters in {ends}, got {got}")
+            raise ValueError(f"t: expected parameters in {between}, got {got}")
 
 
 def local_times(interval: float) -> Tensor:
@@ -179,7 +180,7 @@ def _weights(table: Table, u: Tensor, derivative: int) -> list[Tensor]:
     rows: list = [list(row) for row in table]
     for _ in range(derivative):  # of c_k u^k: k c_k u^(k - 1)
         rows = [[k * c for k, c in enumerate(row)][1:] for row in rows]
-    *lower, total = u.new_tensor(rows).unbind(-1)
+    *lower, total = torch.tensor(rows, dtype=u.dtype, device=u.device).unbind(-1)
     for column in reversed(lower):
         total = total * u[..., None] + column  # (3), by Horner's rule
     return [w[..., None] for w in total.unbind(-1)]

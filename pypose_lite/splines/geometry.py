@@ -14,7 +14,8 @@ def heading(velocity: Tensor, still: Tensor | None = None) -> Tensor:
         velocity: its first derivative (..., 2) with respect to any parameter.
         still: what to return (..., 2) where the velocity is zero; ``[1, 0]`` if None.
     """
-    still = velocity.new_tensor([1, 0]) if still is None else still
+    ahead = torch.tensor([1, 0], dtype=velocity.dtype, device=velocity.device)
+    still = ahead if still is None else still
     check("velocity: n, still: n", velocity, still, n=2)
     speed = safe_norm(velocity, keepdim=True)
     return torch.where(speed > 0, velocity / torch.where(speed > 0, speed, 1), still)

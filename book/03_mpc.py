@@ -42,7 +42,7 @@ from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import infinity
-from pypose_lite.teaching import animate, claim, plotting, table, widgets
+from pypose_lite.teaching import animate, claim, plotting, sketches, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -443,6 +443,16 @@ claim("digits_grow", ratio, above=1.5, below=2.6)
 # Now we close the loop. Two lines of it are the paper's, word for word: the noise, and the call of
 # `mpc`. A waypoint counts as reached when the car sees itself within a *tolerance* of it;
 # then the next one becomes the target.
+
+# %% tags=["hide-input"]
+fig, ax = plt.subplots(figsize=(7, 3))
+sketches.planning_loop(ax)
+plotting.show(
+    fig,
+    "Block diagram of a loop. The planner gets a target and what the car sees, and "
+    "gives its first input to the car. What is seen of the car, with noise, goes "
+    "back to the planner, and to a box that asks whether the target is reached.",
+)
 
 
 # %%

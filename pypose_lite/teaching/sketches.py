@@ -98,3 +98,24 @@ def state_space(ax: Axes) -> Axes:
     for i, j, name in [*names, (8.35, 1.4, "n_k"), (9.1, 0.8, "y_k")]:
         word(ax, i, j, f"${name}$")
     return ax
+
+
+def planning_loop(ax: Axes) -> Axes:
+    """Returns ax with the loop of model predictive control: plan, drive one step, look, plan."""
+    ax.set(xlim=(-0.2, 10.2), ylim=(-0.3, 3.9), aspect="equal")
+    ax.axis("off")
+    box(ax, 1.1, 3.2, "reached?", width=2.2)
+    box(ax, 4.6, 2.6, "plan\n$T$ steps", width=2.0, height=1.2)
+    box(ax, 8.4, 2.6, "car", width=1.6, height=1.2)
+    wire(ax, (2.2, 3.2), (2.9, 3.2), (2.9, 2.9), (3.6, 2.9))  # the target
+    wire(ax, (5.6, 2.6), (7.6, 2.6))  # the first input
+    wire(ax, (8.4, 2.0), (8.4, 0.62))  # what is seen of the car, and noise
+    wire(ax, (9.9, 0.4), (8.62, 0.4))
+    wire(ax, (8.18, 0.4), (2.9, 0.4), (2.9, 2.3), (3.6, 2.3))  # to the planner
+    wire(ax, (2.9, 0.4), (1.1, 0.4), (1.1, 2.8))  # and to the list of waypoints
+    ax.plot(2.9, 0.4, "ko", ms=5)
+    plus(ax, 8.4, 0.4)
+    words = [(2.3, 3.4, "target"), (5.7, 2.75, "first input"), (9.1, 0.6, "noise")]
+    for i, j, text in [*words, (4.2, 0.6, "what the car sees")]:
+        word(ax, i, j, text)
+    return ax

@@ -151,7 +151,8 @@ def _bound(name: str, value: Tensor | float | None, like: Tensor, m: int) -> Ten
     if value is None:
         return None
     try:
-        value = value if isinstance(value, Tensor) else like.new_tensor(value)
+        if not isinstance(value, Tensor):
+            value = torch.as_tensor(value, dtype=like.dtype, device=like.device)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected numbers, got {value!r}") from None
     alike(name, value, like, infinite=True)

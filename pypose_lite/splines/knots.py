@@ -61,7 +61,7 @@ def as_times(times: Any, points: Tensor) -> Tensor | None:
     check("points: N d, times: N", points, t)
     late = t[..., 1:] <= t[..., :-1]
     if has_numbers(late) and late.any():
-        *_, i = where = tuple(late.nonzero()[0].tolist())
+        *_, i = where = tuple(map(int, late.nonzero()[0]))
         before, after = t[where].item(), t[..., 1:][where].item()
         raise ValueError(f"times: expected increasing numbers, got {before} and {after} at {i}")
     return t

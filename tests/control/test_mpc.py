@@ -156,7 +156,9 @@ def test_at_the_target_there_is_nothing_to_do():
 def test_a_state_where_the_system_has_no_derivative_is_refused():
     """A car without a heading: atan2(0, 0)."""
     mpc = pp.infinity.controller(T=3)
-    with pytest.raises(ValueError, match=r"state_transition of DubinsCar: its derivative df\[3\]"):
+    with pytest.raises(
+        ValueError, match=r"state_transition of DubinsCar: its derivative df\[[23]\]"
+    ):
         mpc.solve(0.1, torch.zeros(4), pp.infinity.waypoints()[1])
 
 

@@ -82,7 +82,19 @@ def test_a_slope_that_is_not_finite_where_the_function_is_names_the_entry(name):
         kinked.linearize_transition(x, u, 4, wrt="x")
 
 
-@pytest.mark.parametrize("name", SMOOTH)
+def slope_of_an_angle():
+    """What torch itself answers for the slope of ``atan2(0, 0)``: NaN in old ones, else 0."""
+    w = torch.zeros(2, requires_grad=True)
+    return torch.autograd.grad(torch.atan2(*w), w)[0]
+
+
+ANSWERS_0 = pytest.mark.skipif(bool(slope_of_an_angle().isnan().any()), reason="torch says NaN")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[ANSWERS_0] * ("angle" in name)) for name in SMOOTH],
+)
 def test_a_slope_that_is_right_passes(name):
     function, at = SMOOTH[name]
     smooth, x, u = system(function), torch.tensor([*at, 3.0]), torch.zeros(1)
@@ -206,6 +218,7 @@ def test_slopes_whose_sum_overflows_are_finite_all_the_same():
     close(A, 1.5e308 * torch.eye(2), 0)
 
 
+@ANSWERS_0
 def test_gradients_that_a_caller_takes_stay_torchs(g):
     """What is made NaN for a linearisation is not so in the caller's own graph."""
     kinked, x = system(KINKS["an angle"][0]), torch.zeros(3, requires_grad=True)
@@ -215,6 +228,7 @@ def test_gradients_that_a_caller_takes_stay_torchs(g):
     close(torch.autograd.grad(angle, x)[0], torch.zeros(3), 0)
 
 
+@ANSWERS_0
 def test_gradients_to_what_a_system_was_made_of_stay_torchs(g):
     w = torch.zeros(2, requires_grad=True)
     car = pp.DubinsCar(slip=torch.atan2(*w))

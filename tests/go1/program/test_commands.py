@@ -278,15 +278,6 @@ def test_without_matplotlib_the_program_says_what_to_install(capsys, monkeypatch
     assert "pip install 'pypose_lite[book]', or --no-picture" in capsys.readouterr().err
 
 
-@pytest.fixture
-def usual_ctrl_c():
-    """Ctrl-C interrupts, also where whoever started the tests has it ignored, as nohup does."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("usual_ctrl_c")
 @pytest.mark.parametrize("moment", ["connecting", "the question", "the walk"])
 def test_ctrl_c_is_one_line_at_any_time(run, real, monkeypatch, moment):
     def interrupted(*arguments, **options):

@@ -6,11 +6,12 @@
 # make page CHAPTER=03_mpc   one page alone, run and built (exercises/03_mpc, solutions/03_mpc)
 # make picture               the README's picture, from the opening page
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew
+# make other-tools   the same plan by other tools, recorded for the book's page of them
 # make clean   removes what these made, .venv excepted
 
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
-.PHONY: book test lab reset exercises page picture bench clean lint chapters site
+.PHONY: book test lab reset exercises page picture bench other-tools clean lint chapters site
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -18,7 +19,7 @@ INSTALLED := .venv/.installed
 export OMP_NUM_THREADS ?= 1
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-LIBRARY := $(shell find pypose_lite -name '*.py')
+LIBRARY := $(shell find pypose_lite -name '*.py' -o -name '*.json')
 SOURCES := $(wildcard book/*.py) $(wildcard solutions/[0-9][0-9]_*.py)
 NOTEBOOKS := $(patsubst %.py,build/executed/%.ipynb,$(SOURCES:book/%=%))
 TODO := build/executed/.todo
@@ -93,6 +94,9 @@ bench: .venv/.installed-bench
 		--benchmark-timer=time.process_time --benchmark-columns=min,median,rounds --benchmark-sort=fullname \
 		--benchmark-json=build/bench.json
 	python book/site/benchmarks.py build/bench.json book/benchmarks.md
+
+other-tools: .venv/.installed
+	python -m pypose_lite.teaching.other_tools
 
 .venv/.installed-bench: .venv/.installed
 	@.ci/install $(PYTHON) bench

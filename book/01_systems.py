@@ -500,7 +500,7 @@ plotting.show(
     "sign. (b) Cars with noise drift away from it, each another way.",
 )
 
-# %% mystnb={"markdown_format": "myst"} tags=["hide-input"]
+# %% tags=["hide-input"]
 rows = []
 runs = {"ideal": ideal[None], "5 % slip": slipping[None], "1000 with noise": noisy}
 for name, states in runs.items():

@@ -569,7 +569,7 @@ claim("merged", merged[16:].max(), below=0.05, unit="m")
 # **Predict.** LQR knows nothing of the slip. Without noise, does its slipping car end up exactly on
 # the path, about 1 cm beside it, or about 10 cm? <!-- given: 1 cm, 10 cm -->
 
-# %% mystnb={"markdown_format": "myst"} tags=["answer", "hide-input"]
+# %% tags=["answer", "hide-input"]
 cars = x_ref[0].expand(200, 4)
 largest = {}
 rows = []

@@ -522,7 +522,7 @@ plotting.show(
     "all waypoints. In panel (b) sixteen noisy cars fluctuate around it.",
 )
 
-# %% tags=["hide-input"] mystnb={"markdown_format": "myst"}
+# %% tags=["hide-input"]
 in_time = infinity.drive(three_sweeps, tolerance=0.3)
 runs = {"ideal, tolerance 0.1 m": lap, "ideal, tolerance 0.3 m": in_time}
 runs["16 with noise, tolerance 0.3 m"] = noisy

@@ -11,751 +11,1182 @@
 # ---
 
 # %% [markdown]
-# # Splines
+# # Curves and poses
 #
-# Waypoints say where to be, not how to get there. A spline does: a smooth curve through a few
-# points, made of pieces simple enough to write down. And when the car is pushed aside, a new one
-# leads back.
+# A robot is often given a few places and has to find a smooth way through them: a machine tool
+# along an edge, a camera drone along a wall, a delivery robot down a street. The usual answer is a
+# {term}`spline`, a curve made of simple pieces that fit together. The outlines of the letters that
+# you are reading are splines, too. In this chapter you build them for points, and then for *poses*,
+# which are places with a direction. With them our car gets a way back to its path when something
+# has pushed it aside.
 #
 # After this chapter you can
 #
-# - draw a smooth curve through waypoints, in ten lines of your own;
-# - say what a continuous second derivative costs, and choose between Hermite and B-spline;
-# - plan from where the car *is*, and merge with the path it should be on;
-# - interpolate poses in space, and say why their numbers must not be interpolated;
-# - differentiate through a curve, to make it gentler.
+# - draw a smooth curve through waypoints, in a few short functions of your own;
+# - say what a continuous curvature costs, and choose between the four usual splines;
+# - plan from where the car is, and merge with the path that it should be on;
+# - compute with poses: hat, exponential, logarithm and adjoint, in the plane and in space;
+# - measure the order at which a spline converges, and explain the result.
 #
-# You need [chapter 1](01_systems.py) (the car) and [chapter 3](03_mpc.py) (the loop). The chapter
-# reproduces Fig. 4 (a) of the paper {cite}`pypose06`. Take about 90 minutes for it.
-# <!-- given: 90 minutes -->
+# You need [chapter 1](01_systems.py) (the car) and [chapter 3](03_mpc.py) (the loop); one section
+# takes up the covariance of [chapter 4](04_ekf.py). Take about 60 minutes. The chapter reproduces
+# Fig. 4 (a) of the paper {cite}`pypose06`. <!-- given: 60 minutes -->
 
-# %%
-import inspect
+# %% tags=["setup"]
 import math
-from functools import partial
 
 import ipywidgets
 import matplotlib.pyplot as plt
 import torch
-from IPython.display import Markdown, display
-from torch.autograd import gradcheck
+from IPython.display import display
 
 import pypose_lite as pp
-from pypose_lite import go1, infinity, lie, splines
+from pypose_lite import infinity, lie, splines
 from pypose_lite.splines import planner
-from pypose_lite.teaching import claim, plotting, widgets
+from pypose_lite.teaching import claim, plotting, sketches, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
-W = infinity.waypoints()  # 17 states [i, j, cos, sin]
-P, off = W[:, :2], infinity.tracking_error  # their places; how far from the circles
-circles = infinity.reference(torch.linspace(0, infinity.LENGTH, 200))
+
+# %% [markdown]
+# The planner of this chapter gets the waypoints of the infinity, places with headings, and the
+# state of the car. It returns states at equal distances along a curve:
+
+# %%
+waypoints = infinity.waypoints()  # (17, 4): i, j, cos, sin
+places = waypoints[:, :2]
+pushed = waypoints[0] + torch.tensor([-0.3, 0.2, 0.0, 0.0])  # the first one, moved
+blue = pp.local_plan(waypoints[0], waypoints, 1, spacing=0.1, count=126)
+red = pp.local_plan(pushed, waypoints, 1, spacing=0.1, count=20)
 
 # %% tags=["hide-input"]
-shifted = W[0] + torch.tensor([-0.3, 0.2, 0, 0])
-blue = pp.local_plan(W[0], W, 1, spacing=0.1, count=126)
-red = pp.local_plan(shifted, W, 1, spacing=0.1, count=20)
+circles = infinity.reference(torch.linspace(0, infinity.LENGTH, 200))
 fig, ax = plt.subplots(figsize=(7, 4.3))
 plotting.plot_reference(plotting.infinity_axes(ax), circles, label="two circles")
 plotting.plot_states(ax, blue, label="plan")
-plotting.plot_states(ax, red, label="plan after a shift", color=plotting.RED)
-plotting.plot_heading(ax, W, length=0.3)
-ax.plot(*shifted[:2], "s", color=plotting.RED, ms=7)
-fig.legend(loc="outside lower center", ncols=3)
-plt.show()
-turns = (blue[1:, 2:] * blue[:-1, 2:]).sum(-1).clamp(max=1).acos()
-claim("turn_a_step", turns.max(), below=0.11, unit="rad")
-claim("plan_off_circles", off(blue).max(), below=1e-5, unit="m")
-claim("shift_off_circles", off(red[0]), above=0.1, unit="m")
-claim("merged_off_circles", off(red[-5:]).max(), below=1e-5, unit="m")
+plotting.plot_states(ax, red, "plan of a car that was pushed aside", plotting.RED)
+plotting.plot_heading(ax, waypoints, length=0.3)
+ax.plot(*pushed[:2], "s", color=plotting.RED, ms=8, label="the car")
+fig.legend(loc="outside lower center", ncols=2)
+plotting.show(
+    fig,
+    "The infinity sign with its waypoints as arrows. One plan follows the circles; "
+    "another one starts beside the path and joins the first at the next waypoint.",
+)
+
+# %% tags=["claims"]
+off = infinity.tracking_error
+claim("plan_off_circles", 1e6 * off(blue).max(), below=10, unit="µm")
+claim("pushed_off", off(red[0]), above=0.1, unit="m")
+claim("merged_off", 1e6 * off(red[-5:]).max(), below=10, unit="µm")
 
 # %% [markdown]
-# The black arrows are the waypoints with their headings, and all that the planner gets. The blue
-# plan starts at the origin and lies on the orange circles, to {claim}`plan_off_circles`. The red
-# one starts beside the path, at the square. It leaves in the car's direction, bends, and at the
-# next waypoint it *is* the blue one. Nobody told the planner that there are circles.
+# The arrows are the waypoints with their headings. The blue plan lies on the orange circles, to
+# {claim}`plan_off_circles`. The red one starts at the square, {claim}`pushed_off` beside the path.
+# It leaves in the car's direction, bends, and from the next waypoint on it *is* the blue one.
+# Nobody told the planner that there are circles.
 
 # %% [markdown]
-# ## See it fail
+# ## It fails: points without a curve
 #
-# The loop of chapter 3 always aims at the next waypoint. Here is how fast it drives. And here is
-# the first cure that comes to mind, more points: `on_lines` aims 0.3 m ahead, on the straight line
-# to the next waypoint. <!-- given: 0.3 m -->
-#
-# **Predict.** What do the lines make better: the ride, the path, or both?
-
+# The loop of chapter 3 aims at the next waypoint until the car is there, and then at the one after
+# it.
 
 # %%
-def on_lines(x, goal):
-    way = W[goal, :2] - x[..., :2]
-    far = way.norm(dim=-1, keepdim=True)
-    return torch.cat([x[..., :2] + way / far * far.clamp(max=0.3), way / far], -1)
-
-
 mpc = infinity.controller()
-mpc.stepper = pp.utils.ReduceToBason(steps=3)  # sweeps a plan, as in chapter 3
-hops, lines = infinity.drive(mpc), infinity.drive(mpc, aim=on_lines)
-fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.9), width_ratios=[1.4, 1])
-plotting.plot_waypoints(plotting.infinity_axes(left), W)
-for aim, run, color in [("points", hops, plotting.GREY), ("lines", lines, "C0")]:
-    plotting.plot_states(left, run.x, label=f"aims at {aim}", color=color)
-    right.plot(0.1 * torch.arange(len(run.u)), run.u[:, 0], ".-", color=color)
-right.set(xlabel="time (s)", ylabel="speed (m/s)", ylim=(0, None))
-fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-plt.show()
+mpc.stepper = pp.utils.ReduceToBason(steps=3)  # three sweeps a plan, as in chapter 3
+hops = infinity.drive(mpc)
+
+
+# %% tags=["hide-input"]
+def plot_laps(laps, dt=0.1):
+    """Draws the ways of some laps, and below them the inputs."""
+    fig, axes = plt.subplots(3, 1, figsize=(7, 7.4), height_ratios=[1.5, 1, 1])
+    plotting.plot_waypoints(plotting.infinity_axes(axes[0]), waypoints)
+    for (name, run), color in zip(laps.items(), [plotting.GREY, plotting.BLUE]):
+        plotting.plot_states(axes[0], run.x, label=name, color=color)
+        for ax, column in zip(axes[1:], run.u.mT):
+            time = dt * torch.arange(len(column))
+            ax.plot(time, column, ".-", color=color, ms=4)
+    axes[1].set(xlabel="time (s)", ylabel="speed (m/s)")
+    axes[2].set(xlabel="time (s)", ylabel="turn rate (rad/s)")
+    handles, labels = axes[0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=3)
+    return fig
+
+
+fig = plot_laps({"aims at points": hops})
+plotting.show(
+    fig,
+    "A lap on the map, and below it the speed and the turn rate, which rise and "
+    "fall at every waypoint.",
+)
+
+# %% tags=["claims"]
 claim("slowest_hop", hops.u[1:, 0].min(), below=1, unit="m/s")
 claim("fastest_hop", hops.u[:, 0].max(), above=4, unit="m/s")
-claim("chord_off", off((P[1:] + P[:-1]) / 2).max(), above=0.07, below=0.08, unit="m")
+middles = (places[1:] + places[:-1]) / 2
+claim("chord_off", 1000 * off(middles).max(), above=70, below=80, unit="mm")
 
 # %% [markdown]
-# <details><summary>Answer</summary>
-#
-# The ride. Aiming at points the car hops: every three steps it falls from {claim}`fastest_hop` to
-# {claim}`slowest_hop` and starts again. On the lines its inputs change {claim}`smoother_lines`
-# times less (mean square of the change per step). The path is hardly better, {claim}`strays_lines`
-# from the circles on average instead of {claim}`strays_hops`: a chord passes {claim}`chord_off`
-# inside its circle.
-#
-# </details>
-#
-# Worse, at every waypoint the lines turn by 45 degrees on the spot, which no car can do. We want
-# points as dense as we like, on a curve that has one direction everywhere.
+# The car hops. Its speed rises to {claim}`fastest_hop`, falls to {claim}`slowest_hop` and rises
+# again, and its turn rate swings. No passenger would stand it. The first cure that comes to mind is
+# more points, on the straight lines between the waypoints. But the middle of each line lies
+# {claim}`chord_off` inside its circle, and at every waypoint the direction turns by 45 degrees on
+# the spot, which no car can do. We want points as dense as we like, on a curve that has *one*
+# direction everywhere.
 
 # %% [markdown]
-# ## From scratch
+# ## The idea: pieces that share their ends
 #
-# Take one piece, from a point $p_0$ to a point $p_1$. Besides the points we choose the derivatives
-# $m_0$ and $m_1$ at both ends, called *tangents*. Four wishes; a cubic in $u$, running from 0 to 1,
-# has four coefficients:
+# Join neighbouring waypoints by short pieces of a simple form. Where two pieces meet, give them the
+# same point and the same derivative; then the whole curve has no corner. The derivative at a
+# waypoint is called a {term}`tangent`, and here is what it does:
+
+# %% tags=["hide-input"]
+ends = torch.tensor([[0.0, 0.0], [3.0, 1.2], [6.0, 0.0]])
+arrows = torch.tensor([[1.5, 2.6], [3.0, -0.6], [1.8, -2.4]])
+sketch = splines.hermite(ends, arrows)
+fig, ax = plt.subplots(figsize=(7, 3.6))
+t = torch.linspace(0, 1, 50)
+ax.plot(*sketch(t).mT, lw=3, label="first piece")
+ax.plot(*sketch(1 + t).mT, "--", lw=3, color=plotting.GREEN, label="second piece")
+inner = [ends[0] + arrows[0] / 3, ends[1] - arrows[1] / 3]
+polygon = torch.stack([ends[0], *inner, ends[1]])
+label = "control polygon of the first piece"
+ax.plot(*polygon.mT, "s:", color=plotting.GREY, label=label)
+for k in range(3):
+    sketches.arrow(ax, ends[k], ends[k] + 0.5 * arrows[k], color=plotting.RED)
+    sketches.word(ax, *(ends[k] + torch.tensor([-0.25, -0.4])), f"$p_{k}$")
+    tip = ends[k] + 0.5 * arrows[k] + torch.tensor([0.1, 0.1])
+    sketches.word(ax, *tip, f"$m_{k}$", plotting.RED)
+ax.plot(*ends.mT, "ko", ms=7)
+ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal")
+ax.set(xlim=(-0.4, 7.6), ylim=(-1.6, 2))
+ax.legend(loc="upper right")
+plotting.show(
+    fig,
+    "Two pieces of a curve through three points. The tangents are arrows, drawn at "
+    "half their length; both pieces share the one in the middle. A polygon of four "
+    "corners encloses the first piece.",
+)
+
+# %% tags=["claims"]
+before = sketch(torch.tensor([1 - 1e-9]), derivative=1)
+after = sketch(torch.tensor([1.0]), derivative=1)
+claim("sketch_fits", (after - before).abs().max(), below=1e-7)
+
+# %% [markdown]
+# (The arrows are drawn at half their length.) The dotted line is the {term}`control polygon` of
+# the first piece: its inner corners lie a third of a tangent away from the ends. The piece stays
+# within the hull of the polygon, which is why drawing programs let you pull at these corners; the
+# same piece, given by its polygon, is called a *cubic {term}`Bézier curve`*. <!-- given: half, a
+# third -->
+
+# %% [markdown]
+# ## Derived: Hermite's cubic
+#
+# A piece leads from a point $p_0$ to a point $p_1$ while a parameter $u$ runs from 0 to 1. At the
+# ends we also want the tangents $m_0$ and $m_1$. These are four wishes, so take a polynomial with
+# four coefficients, $p(u) = a + b u + c u^2 + d u^3$. The wishes are
 #
 # $$
-# p(u) = p_0 + m_0 u + (3 d - 2 m_0 - m_1)\, u^2 + (m_0 + m_1 - 2 d)\, u^3, \qquad d = p_1 - p_0
+# \begin{aligned}
+# p(0) &= a = p_0, & p(1) &= a + b + c + d = p_1, \\
+# p'(0) &= b = m_0, & p'(1) &= b + 2c + 3d = m_1.
+# \end{aligned}
+# $$ (eq-6-wishes)
+#
+# The left column gives $a$ and $b$. Write $\Delta = p_1 - p_0$. The right column says
+# $c + d = \Delta - m_0$ and $2c + 3d = m_1 - m_0$. The first multiplied by 3, minus the second,
+# is $c$; the rest is $d$:
+#
+# $$
+# \begin{aligned}
+# c &= 3 \Delta - 2 m_0 - m_1 \\
+# d &= m_0 + m_1 - 2 \Delta
+# \end{aligned}
 # $$ (eq-6-hermite)
 #
-# Put in $u = 0$ and $u = 1$, here and in the derivative: all four come true. This is Hermite's
-# cubic. The directions we know, they are the headings of the waypoints. Their length is ours to
-# choose.
+# This is a piece of a {term}`cubic Hermite spline`. Sorted by the data instead of by powers of $u$,
+# it is a sum of four fixed functions, the *Hermite basis*, each times one of $p_0$, $m_0$, $p_1$,
+# $m_1$. You find them in the lab.
 #
-# **Predict.** From the start to the second waypoint the car turns by a right angle. Tangents half
-# as long as the chord, as long, or twice as long: which is closest to the circle?
+# **Which tangents?** Where nothing is known but the points, a natural choice is the direction from
+# the last point to the next:
+#
+# $$ m_i = \tfrac12 (p_{i+1} - p_{i-1}) $$ (eq-6-central)
+#
+# and at both ends, where a neighbour is missing, the only difference that there is. This is the
+# {term}`Catmull-Rom spline`. PyPose calls it `chspline`.
+
+# %% [markdown]
+# ## From scratch: the Catmull-Rom spline
 
 
 # %%
-def piece(p0, p1, m0, m1, u):
-    d, u = p1 - p0, u[:, None]
-    return p0 + m0 * u + (3 * d - 2 * m0 - m1) * u**2 + (m0 + m1 - 2 * d) * u**3
+def hermite_piece(p0, p1, m0, m1, u):
+    """Returns the points at u (k,) between p0 and p1, (k, d)."""
+    u = u[:, None]
+    step = p1 - p0
+    c = 3 * step - 2 * m0 - m1  # (6.2)
+    d = m0 + m1 - 2 * step
+    return p0 + m0 * u + c * u**2 + d * u**3
 
 
-u, chord = torch.linspace(0, 1, 41), (P[2] - P[0]).norm()
-fig, (left, right) = plt.subplots(1, 2, figsize=(7, 3))
-arc = infinity.reference(torch.linspace(0, math.pi / 2, 50))
-plotting.plot_reference(left, arc, label="circle")
-ratios = torch.linspace(0.2, 2.6, 49)
-h, k = chord * W[[0, 2], 2:]  # along the headings
-tries = [piece(P[0], P[2], r * h, r * k, u) for r in ratios]
-for index, style in [(6, ":"), (16, "--"), (36, "-.")]:
-    left.plot(*tries[index].mT, style, color="C0", label=f"{ratios[index]:.1f} chord")
-left.set(xlabel="i (m)", ylabel="j (m)", aspect="equal")
-left.legend(loc="upper right")
-right.plot(ratios, worst := torch.stack([off(z).max() for z in tries]))
-right.set(xlabel="tangent / chord", ylabel="farthest off (m)", ylim=(0, None))
-plt.show()
-claim("best_tangent", ratios[worst.argmin()], above=1.0, below=1.3)
-
-# %% [markdown]
-# <details><summary>Answer</summary>
-#
-# As long, or a little longer: {claim}`best_tangent` is best. Short tangents give nearly the chord,
-# long ones overshoot. For an arc there is a closed form: with headings $h$, $k$ and chord $c$, the
-# length
-#
-# $$ \frac{4\, c}{2 + |h + k|} $$ (eq-6-length)
-#
-# puts the middle of the piece exactly on the circle.
-#
-# </details>
-#
-# And without headings? Let the curve pass each point in the direction from the last point to the
-# next, $m_i = (p_{i+1} - p_{i-1}) / 2$; at the ends, take the only leg there is. That is
-# `my_chspline`. Two pieces that meet share a tangent, so the first derivative is continuous.
-
-# %% [markdown]
-# ## The library's version
-#
-# `my_chspline`, in ten lines, and the library's. The line with `interval` is the paper's.
+def catmull_rom(p):
+    """Returns the tangents (N, d) at the points p (N, d)."""
+    leg = p.diff(dim=0)
+    inner = (leg[1:] + leg[:-1]) / 2  # (6.3)
+    return torch.cat([leg[:1], inner, leg[-1:]])
 
 
 # %%
 def my_chspline(p, k):
-    """k points a piece, and the last one."""
-    leg = p.diff(dim=0)
-    m = torch.cat([leg[:1], (leg[1:] + leg[:-1]) / 2, leg[-1:]])
+    """Returns k samples of each piece, and the last point."""
+    m = catmull_rom(p)
     u = torch.arange(k) / k
-    pieces = [piece(*ends, u) for ends in zip(p, p[1:], m, m[1:])]
+    pieces = []
+    for i in range(len(p) - 1):
+        pieces.append(hermite_piece(p[i], p[i + 1], m[i], m[i + 1], u))
     return torch.cat([*pieces, p[-1:]])
 
 
-waypoints = P
-points = pp.chspline(waypoints, interval=0.2)
-claim("same_points", (points - my_chspline(P, 5)).abs().max(), below=1e-14)
-many = P + 0.1 * torch.randn(64, 17, 2, generator=torch.Generator().manual_seed(0))
-apart = pp.chspline(many, 0.2) - torch.stack([pp.chspline(p, 0.2) for p in many])
+# %% [markdown]
+# ## The library's splines
+#
+# `pp.chspline` gives the samples of `my_chspline`, for batches of point sequences, too. The call
+# with `interval` is the paper's: 0.2 means five samples a piece. <!-- given: 0.2 -->
+
+# %%
+points = pp.chspline(places, interval=0.2)
+difference = (points - my_chspline(places, 5)).abs().max()
+print("largest difference to ours (m):", difference.item())
+
+# %% tags=["claims"]
+claim("same_points", difference, below=1e-14)
+generator = torch.Generator().manual_seed(0)
+many = places + 0.1 * torch.randn(64, 17, 2, generator=generator)
+one_by_one = torch.stack([pp.chspline(each, 0.2) for each in many])
+apart = pp.chspline(many, 0.2) - one_by_one
 claim("batch", apart.abs().max(), below=1e-12, unit="m")
-gaps = points.diff(dim=0).norm(dim=-1)
-claim("gap_smallest", gaps.min(), above=0.13, unit="m")
-claim("gap_largest", gaps.max(), below=0.18, unit="m")
-tangents = splines.cubic_hermite.catmull_rom
-for function in (tangents, splines.hermite_segments, splines.Spline.local):
-    print(inspect.getsource(function).split('"""')[2])
 
 # %% [markdown]
-# The first function chooses the tangents, the second makes pieces of them, the third says where the
-# curve is. Points may have times of their own; without them every piece takes 1 (`h` and `time`),
-# and a slope is a leg. The lines with a group are for poses, later.
-#
-# The library keeps a curve as a `Spline`. Each piece has a start and *three steps*, and three
-# functions say how much of each step is done at $u$ (the weights, in `local`):
+# Behind it stands the class `splines.Spline`. It keeps, for each piece, a start and *three steps*,
+# the sides of the control polygon, and it knows how much of each step is done at $u$:
+# <!-- given: three steps -->
 #
 # $$
-# p(u) = \text{start} + \lambda_1(u)\, s_1 + \lambda_2(u)\, s_2 + \lambda_3(u)\, s_3
+# \begin{aligned}
+# p(u) = \text{start} &+ \lambda_1(u)\, s_1 + \lambda_2(u)\, s_2 \\
+# &+ \lambda_3(u)\, s_3
+# \end{aligned}
 # $$ (eq-6-steps)
 #
-# For Hermite's cubic the steps are $m_0/3$, $d - m_0/3 - m_1/3$ and $m_1/3$. (They join Bézier's
-# control points. Insert $\lambda_1 = 3u - 3u^2 + u^3$, $\lambda_2 = 3u^2 - 2u^3$,
-# $\lambda_3 = u^3$, and {eq}`eq-6-hermite` comes out.) Why steps? Because a step makes sense where
-# a sum of points does not: on poses, later.
+# For Hermite's cubic $s_1 = m_0/3$, $s_3 = m_1/3$ and $s_2$ is what remains of $\Delta$. Why steps
+# and not a sum of points? A step still makes sense for poses, where a sum does not. Here is where
+# our functions are in the library's folder `splines`:
 #
-# Derivatives come from the same functions. The velocity $p' = (x', y')$ gives the heading, and with
-# the acceleration the curvature, the inverse radius of the turn:
+# | ours | the library's | in the file |
+# |:--|:--|:--|
+# | `catmull_rom` | `catmull_rom`, for points at any times | `cubic_hermite.py` |
+# | `hermite_piece` | `hermite_segments`, which returns a `Spline` | `cubic_hermite.py` |
+# | its line with `u` | `Spline.local`, with two derivatives | `curve.py` |
+# | `my_chspline` | `hermite(points).sample(interval)` | `cubic_hermite.py` |
 #
-# $$ \kappa = \frac{x' y'' - y' x''}{|p'|^3} $$ (eq-6-curvature)
+# A `Spline` is evaluated anywhere: `curve(t)` gives points, `curve(t, derivative=1)` velocities
+# $(i', j')$ and `curve(t, derivative=2)` accelerations $(i'', j'')$. The direction of the velocity
+# is the heading. Both derivatives together give the {term}`curvature`, the inverse radius of the
+# turn,
 #
-# At speed $v$ a car turns at the rate $v \kappa$. Where the curvature jumps, so must its steering.
+# $$ \kappa = \frac{i' j'' - j' i''}{(i'^2 + j'^2)^{3/2}} . $$ (eq-6-curvature)
 #
-# ### What continuity costs
-#
-# Can the second derivative be continuous, too? Let us take the legs between the points as the
-# steps. Step 2 of a piece is then step 1 of the next. So what is done of it, $\lambda_2$, must go
-# over into the next piece's $\lambda_1$ without a jump, and both derivatives as well; before its
-# first piece a step is not begun (0), after its third it is done (1). Four transitions, three
-# conditions each: twelve equations for twelve coefficients. There is exactly one such curve, the
-# uniform *B-spline* {cite}`deboor2001`, `pp.bspline`.
-
-# %%
-# Value, first and second derivative of c0 + c1 u + c2 u^2 + c3 u^3 at u = 0 and 1.
-start = torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 2, 0]])
-end = torch.tensor([[1.0, 1, 1, 1], [0, 1, 2, 3], [0, 0, 2, 6]])
-M, b = torch.zeros(4, 3, 3, 4), torch.zeros(12)
-for j in range(4):  # lambda_{j+1} ends as lambda_j starts
-    if j < 3:
-        M[j, :, j] = end
-    if j > 0:
-        M[j, :, j - 1] = -start
-b[0] = 1  # the first step ends done
-table = torch.linalg.solve(M.reshape(12, 12), b).reshape(3, 4)
-print((6 * table).round().int())
-library = torch.tensor(splines.b_spline.UNIFORM)
-claim("same_table", (table - library).abs().max(), below=1e-12)
+# At speed $v$ a car has to turn at the rate $v \kappa$. Where the curvature jumps, so must its
+# turn rate.
 
 # %% [markdown]
-# These are six times the coefficients. Look at the first row: at the start of a piece five sixths
-# of its first step are done already. The curve never goes *through* a point.
+# ## What a continuous curvature costs
 #
-# **Predict.** There is a third way: Hermite's pieces, and tangents for which the second derivative
-# does not jump. One linear system gives them all. The curve passes all points and has two
-# continuous derivatives. What do we lose?
+# Railways know this: where a straight track meets a circular one directly, the curvature jumps, and
+# everybody on board is thrown to the side. The Catmull-Rom spline has such jumps at its points, for
+# only its first derivative is continuous. Can the second one be continuous, too? It can, in two
+# ways, and each of them loses something.
 #
-# ## On the infinity
+# ### Through the points: the natural cubic spline
 #
-# Four curves. *global* is the third way, in the library `splines.cubic_spline`. *path*, the
-# library's `planner.path`, is Hermite's cubic with the waypoints' own headings and the length
-# {eq}`eq-6-length`.
+# Keep Hermite's pieces, and choose the tangents so that the second derivative does not jump. By
+# {eq}`eq-6-hermite` a piece ends with $p'' = 2c + 6d$, and the next one starts with $p'' = 2c$ of
+# its own. Put in $c$ and $d$ of both; they are equal if
+#
+# $$ m_{i-1} + 4 m_i + m_{i+1} = 3 (p_{i+1} - p_{i-1}) . $$ (eq-6-natural)
+#
+# That is one equation for each inner point. At both ends we ask for no second derivative at all,
+# $2 m_0 + m_1 = 3 (p_1 - p_0)$ and its mirror image. Together they are a linear system for all
+# tangents, and its solution is the {term}`natural cubic spline`. The name comes from the flexible
+# strip, the spline, that draughtsmen bent around pins: beyond the last pin it is straight.
 
 
 # %%
-def global_spline(p):
-    """The tangents solve m[i-1] + 4 m[i] + m[i+1] = 3 (p[i+1] - p[i-1])."""
-    ones, leg = torch.ones(len(p) - 1), 3 * p.diff(dim=0)
-    M = 4 * torch.eye(len(p)) + ones.diag(1) + ones.diag(-1)
-    M[0, 0] = M[-1, -1] = 2  # no bend at the ends
+def natural_spline(p):
+    """Returns the spline through the points p (N, d), by its tangents."""
+    N = len(p)
+    ones = torch.ones(N - 1)
+    M = 4 * torch.eye(N) + ones.diag(1) + ones.diag(-1)  # (6.6)
+    M[0, 0] = 2  # the two ends
+    M[-1, -1] = 2
+    leg = 3 * p.diff(dim=0)
     right = torch.cat([leg[:1], leg[1:] + leg[:-1], leg[-1:]])
     return splines.hermite(p, torch.linalg.solve(M, right))
 
 
+t = torch.linspace(0, 16, 1601)
+library = splines.cubic_spline(places)
+print("difference (m):", (natural_spline(places)(t) - library(t)).abs().max().item())
+
+# %% tags=["claims"]
+apart = natural_spline(places)(t) - library(t)
+claim("same_natural", apart.abs().max(), below=1e-12, unit="m")
+
+# %% [markdown]
+# What is lost is *locality*: the system couples all tangents, so every point is felt along the
+# whole curve. A planner that gets a new waypoint has to change the path under its wheels.
+#
+# ### With few neighbours: the B-spline
+#
+# Now give up passing the points. Take {eq}`eq-6-steps` and let the three steps of a piece be the
+# three legs between four neighbouring points. Step 2 of a piece is then step 1 of the next. What is
+# done of it, $\lambda_2$, must go over into the next piece's $\lambda_1$ without a jump in value,
+# first and second derivative, and $\lambda_3$ into $\lambda_2$ likewise. Before its first piece a
+# step is not begun (0), after its last one it is done (1). These are four transitions with three
+# conditions each, twelve equations for the twelve coefficients of the three cubics. There is
+# exactly one solution, the uniform {term}`B-spline` {cite}`deboor2001`.
+# <!-- given: three steps -->
+
+# %%
+# Value, first and second derivative of c0 + c1 u + c2 u^2 + c3 u^3, at u = 0 and 1
+at_start = torch.tensor([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 2, 0]])
+at_end = torch.tensor([[1.0, 1, 1, 1], [0, 1, 2, 3], [0, 0, 2, 6]])
+M = torch.zeros(4, 3, 3, 4)  # transition, condition, lambda, coefficient
+for j in range(4):
+    if j < 3:
+        M[j, :, j] = at_end  # lambda_(j+1) ends ...
+    if j > 0:
+        M[j, :, j - 1] = -at_start  # ... as lambda_j starts
+right = torch.zeros(12)
+right[0] = 1  # lambda_1 ends with value 1: the step is done
+coefficients = torch.linalg.solve(M.reshape(12, 12), right).reshape(3, 4)
+print((6 * coefficients).round().int())
+
+# %% tags=["claims"]
+uniform = torch.tensor(splines.b_spline.UNIFORM)
+claim("same_table", (coefficients - uniform).abs().max(), below=1e-12)
+
+# %% [markdown]
+# These are the coefficients of $\lambda_1$, $\lambda_2$, $\lambda_3$, multiplied by 6. Look at the
+# first column: as a piece starts, five sixths of its first step are done already, and one sixth of
+# its second. So the curve does not pass its points.
+#
+# ### The bump of a single point
+#
+# All three curves depend linearly on their points. So look at what *one* point does: put all points
+# on a line, and lift one of them by 1. The response is the point's *basis function*, or bump; a
+# curve is a sum of such bumps, each times its point.
+#
+# **Predict.** Three bumps: chspline, natural, B-spline. Which of them reaches the lifted point,
+# which of them is smooth, and which of them ends?
+
+# %% tags=["answer", "hide-input"]
+lifted = torch.zeros(11, 1)
+lifted[5] = 1
+bumps = {
+    "chspline": (splines.hermite(lifted), plotting.RED, "--", 0),
+    "natural": (splines.cubic_spline(lifted), plotting.PURPLE, "-", 0),
+    "B-spline": (splines.uniform_bspline(lifted), plotting.GREEN, "-.", -1),
+}
+fig, (top, middle, bottom) = plotting.stacked(3, height=2.3)
+for name, (curve, color, style, shift) in bumps.items():
+    t = torch.linspace(0, curve.segments - 1e-9, 2001)
+    here = t - shift - 5  # the B-spline's first piece belongs to points 0 to 3
+    look = {"color": color, "ls": style, "label": name}
+    top.plot(here, curve(t), **look)
+    middle.plot(here, curve(t, 2), **look)
+    size = curve(t).abs()
+    bottom.semilogy(here, size.where(size > 1e-9, torch.nan), **look)
+top.plot(range(-5, 6), lifted, "ko", ms=5, label="points")
+top.set(ylabel="bump")
+middle.set(ylabel="second derivative")
+bottom.set(ylabel="size of the bump")
+bottom.set(xlabel="distance from the lifted point (pieces)")
+for ax in (top, middle, bottom):
+    ax.set(xlim=(-4.2, 4.2))
+bottom.set(ylim=(1e-4, 2))
+fig.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+plotting.show(
+    fig,
+    "Three bumps, their second derivatives and their sizes with a logarithmic axis. "
+    "The B-spline stays below the lifted point, the chspline's second derivative "
+    "jumps, and the natural spline's bump never ends.",
+)
+
+# %% tags=["answer", "claims"]
+claim("bspline_top", bumps["B-spline"][0](4.0)[0], equals=2 / 3, within=1e-9)
+ripple = splines.cubic_spline(lifted)(torch.arange(5.0, 10.0) + 0.5).abs().flatten()
+claim("natural_fades", (ripple[1:3] / ripple[:2]).mean(), above=0.2, below=0.32)
+whole = torch.arange(1.0, 10.0)
+chspline_bump = splines.hermite(lifted)
+bent = chspline_bump(whole, 2) - chspline_bump(whole - 1e-9, 2)
+claim("chspline_bends", bent.abs().max(), above=1)
+
+# %% [markdown] tags=["answer"]
+# The first two reach the lifted point, and the last two are smooth: the second derivative of
+# chspline jumps, by up to {claim}`chspline_bends`. chspline and the B-spline end after two pieces
+# on each side. The natural spline's bump never ends; on each further piece it is
+# {claim}`natural_fades` of what it was before, with changing sign. And the B-spline reaches a
+# height of {claim}`bspline_top` only. Of three wishes (a continuous second derivative, passing the
+# points, locality) cubic splines can grant two.
+
+# %% [markdown]
+# ## Four curves through the infinity
+#
+# There is a fourth curve, which uses what the others ignore: the headings. *path*, the library's
+# `planner.path`, is a Hermite spline whose tangents have the directions of the headings. For
+# neighbours at a distance $C$, with headings $h$ and $k$ (unit vectors), both are as long as
+#
+# $$ L = \frac{4\, C}{2 + |h + k|} . $$ (eq-6-length)
+#
+# With this length the middle of the piece, $\frac12 (p_0 + p_1) + \frac18 (m_0 - m_1)$, lies on
+# the circle if both waypoints do. Neighbouring pieces may have tangents of different lengths, so
+# the speed may jump at a waypoint, but not the direction.
+
+
+# %%
 def b_spline(p):
-    ends = 2 * p[:1] - p[1:2], 2 * p[-1:] - p[-2:-1]  # so that it ends on p
-    return splines.uniform_bspline(torch.cat([ends[0], p, ends[1]]))
+    """Returns the B-spline with one more point at each end, so that it ends on p."""
+    first = 2 * p[:1] - p[1:2]
+    last = 2 * p[-1:] - p[-2:-1]
+    return splines.uniform_bspline(torch.cat([first, p, last]))
+
+
+def curvature(curve, t):
+    return splines.curvature(curve(t, derivative=1), curve(t, derivative=2))
 
 
 curves = {
-    "chspline": (lambda w: splines.hermite(w[:, :2]), plotting.RED, "--"),
-    "bspline": (lambda w: b_spline(w[:, :2]), plotting.GREEN, "-."),
-    "global": (lambda w: global_spline(w[:, :2]), plotting.PURPLE, ":"),
-    "path": (planner.path, plotting.BLUE, "-"),
+    "chspline": splines.hermite(places),
+    "natural": natural_spline(places),
+    "B-spline": b_spline(places),
+    "path": planner.path(waypoints),
 }
 
-
-# %%
-def bend(curve, t):
-    return splines.curvature(curve(t, 1), curve(t, 2))
-
-
+# %% tags=["hide-input"]
 t = torch.linspace(0, 16, 2561)
-fig, (left, right) = plt.subplots(1, 2, figsize=(7, 3.5), width_ratios=[1, 1.3])
-plotting.plot_reference(plotting.infinity_axes(left), circles, label="circles")
-plotting.plot_waypoints(left, W)
-left.set(xlim=(-0.65, 1.1), ylim=(-1.15, 1.15))
-for name, (make, color, style) in curves.items():
-    left.plot(*make(W)(t).mT, style, color=color, lw=1.4, label=name)
-    right.plot(t, bend(make(W), t), style, color=color, lw=1.4)
-right.set(xlabel="waypoint", ylabel="curvature (1/m)", xlim=(0, 16))
-_ = fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6)
+looks = dict(zip(curves, [(plotting.RED, "--"), (plotting.PURPLE, ":")]))
+looks |= {"B-spline": (plotting.GREEN, "-."), "path": (plotting.BLUE, "-")}
+fig, (top, bottom) = plotting.stacked(2, height=3.3)
+plotting.plot_reference(plotting.infinity_axes(top), circles, label="circles")
+plotting.plot_waypoints(top, waypoints)
+top.set(xlim=(-0.3, 2.15), ylim=(-1.15, 1.15))
+for name, curve in curves.items():
+    color, style = looks[name]
+    top.plot(*curve(t).mT, style, color=color, lw=1.6, label=name)
+    bottom.plot(t, curvature(curve, t), style, color=color, lw=1.6)
+bottom.set(xlabel="waypoint", ylabel="curvature (1/m)", xlim=(0, 16))
+fig.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+plotting.show(
+    fig,
+    "The right circle with four curves through its waypoints, and their curvatures. "
+    "The B-spline cuts the corners; the curvature of chspline jumps and has peaks "
+    "beside the crossing; that of path is almost the circles' own.",
+)
 
-# %% mystnb={"markdown_format": "myst"}
-head = "| | off the circles (m) | off the points (m) | curvature (1/m) | its jumps |"
-table, seen = head + "\n|:--|--:|--:|--:|--:|", {}
-for name, (make, _, _) in curves.items():
-    curve = make(W)
-    kappa, before = bend(curve, t[1:]), bend(curve, t[1:] - 1e-9)
-    missed = torch.cdist(P, curve(t)).amin(-1).max()
-    jumps = (kappa - before).abs().max()
-    seen[name] = off(curve(t)).max(), missed, kappa.abs().max(), jumps
-    table += f"\n| {name} |" + "".join(f" {value:.4f} |" for value in seen[name])
-display(Markdown(table))
-claim("chspline_off", seen["chspline"][0], below=0.06, unit="m")
+# %% tags=["hide-input"] mystnb={"markdown_format": "myst"}
+seen = {}
+for name, curve in curves.items():
+    kappa = curvature(curve, t[1:])
+    jumps = (kappa - curvature(curve, t[1:] - 1e-9)).abs().max()
+    missed = torch.cdist(places, curve(t)).amin(-1).max()
+    seen[name] = 1000 * off(curve(t)).max(), 1000 * missed, kappa.abs().max(), jumps
+head = "curve | off circles (mm) | off waypoints (mm) "
+head += "| curvature (1/m) | its jump (1/m)"
+formats = ".3f", ".1f", ".2f", ".2f"
+rows = []
+for name, values in seen.items():
+    rows.append(" | ".join([name, *map(format, map(float, values), formats)]))
+display(table(head, rows))
+
+# %% tags=["claims"]
+claim("chspline_off", seen["chspline"][0], below=60, unit="mm")
 claim("chspline_curvature", seen["chspline"][2], above=2, unit="1/m")
 claim("chspline_jump", seen["chspline"][3], above=1, unit="1/m")
-claim("bspline_missed", seen["bspline"][1], above=0.08, unit="m")
-claim("bspline_curvature", seen["bspline"][2], below=1.2, unit="1/m")
-claim("no_jump", max(seen["bspline"][3], seen["global"][3]), below=1e-6)
-claim("path_off", seen["path"][0], below=1e-5, unit="m")
-apart = global_spline(P)(t) - splines.cubic_spline(P)(t)
-claim("same_global", apart.abs().max(), below=1e-12, unit="m")
+claim("natural_off", seen["natural"][0], below=60, unit="mm")
+claim("bspline_missed", seen["B-spline"][1], above=80, unit="mm")
+claim("bspline_curvature", seen["B-spline"][2], below=1.2, unit="1/m")
+claim("no_jump", max(seen["B-spline"][3], seen["natural"][3]), below=1e-6, unit="1/m")
+claim("path_off", 1000 * seen["path"][0], below=10, unit="µm")
+claim("path_jump", seen["path"][3], equals=2, within=0.1, unit="1/m")
 
 # %% [markdown]
-# The circles' own curvature is 1, then -1. *chspline* is {claim}`chspline_off` off, with a
-# curvature of {claim}`chspline_curvature`, beside the crossing and at both ends: central
-# differences guess a wrong direction there. At its points the curvature jumps, by up to
-# {claim}`chspline_jump`. *bspline* never bends more than {claim}`bspline_curvature`, without a
-# jump, and cuts every corner: it misses waypoints by {claim}`bspline_missed`. *global* passes, and
-# does not jump. *path* is {claim}`path_off` off; at the crossing it has to jump, as the circles do.
-#
-# So what does *global* lose? Move one waypoint, and see which pieces notice.
-
-
-# %%
-def move(i=0.3, j=0.0, number=4):
-    fig, (left, right) = plt.subplots(1, 2, figsize=(7, 3.2), width_ratios=[1.3, 1])
-    w = W + torch.eye(17)[number, :, None] * torch.tensor([i, j, 0, 0])
-    plotting.plot_waypoints(plotting.infinity_axes(left, margin=0.75), w)
-    for name, (make, color, style) in curves.items():
-        change = (make(w)(middles) - make(W)(middles)).norm(dim=-1)
-        here = change > 1e-12
-        felt[name] = int(here.sum())
-        right.semilogy(middles[here], change[here], "o" + style, color=color, ms=4)
-        left.plot(*make(w)(t).mT, style, color=color, label=name)
-    right.set(xlabel="waypoint", ylabel="the piece moves by (m)", xlim=(0, 16))
-    fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    return fig
-
-
-felt, middles = {}, torch.arange(16) + 0.5  # of the pieces
-display(widgets.panels(move, [-0.4, -0.2, 0.2, 0.4, 0.6], "waypoint 4 moves by (m)"))
-for name, pieces in {"chspline": 4, "bspline": 4, "global": 16, "path": 2}.items():
-    claim(f"felt_{name}", felt[name], equals=pieces)
+# (Largest values each.) The circles' own curvature is 1, and -1 on the second one. chspline is up
+# to {claim}`chspline_off` off the circles and bends with up to {claim}`chspline_curvature`, beside
+# the crossing and at the ends, where {eq}`eq-6-central` guesses a wrong direction; its curvature
+# jumps by up to {claim}`chspline_jump`. The B-spline never bends more than
+# {claim}`bspline_curvature`, without a jump, and misses waypoints by up to {claim}`bspline_missed`.
+# The natural spline passes them without a jump, and strays up to {claim}`natural_off`. path stays
+# within {claim}`path_off`. At the crossing its curvature jumps by {claim}`path_jump`, as that of
+# the two circles does.
 
 # %% [markdown]
-# <details><summary>Answer</summary>
+# ## On the infinity: from where the car is
 #
-# Locality. A waypoint is felt by {claim}`felt_path` pieces of path, by {claim}`felt_chspline` of
-# chspline, by {claim}`felt_bspline` of bspline, and by all {claim}`felt_global` of *global*, fading
-# from one to the next. Of three wishes (two continuous derivatives, passing the points, being left
-# alone by points far away) cubics grant two. A planner gets new waypoints all the time, and gives
-# up the first.
-#
-# </details>
-#
-# ### From where the car is
-#
-# Now the paper's Fig. 4 (a), close up. The car is beside the first waypoint; put its state in the
-# waypoint's place. On the left is the paper's `chspline`, which knows only places; on the right
-# *path*, which `pp.local_plan` samples at equal distances.
+# Now the paper's Fig. 4 (a). A car stands beside the first waypoint. Put its state in the place of
+# that waypoint, and draw the curve again. Above is the paper's `chspline`, which knows only places,
+# and below is path, which `pp.local_plan` samples at equal distances.
 
 
-# %%
-def shift(side, ahead=0.0, turn=0.0):
-    w = W.clone()
-    w[0] = torch.tensor([side, -ahead, math.sin(turn), -math.cos(turn)])
-    fig, panels = plt.subplots(1, 2, figsize=(7, 4.2), sharey=True)
-    for ax, name in zip(panels, ["chspline", "path"]):
-        blue, red = (curves[name][0](z).sample(interval=0.2) for z in (W, w))
+# %% tags=["hide-input"]
+def push(side, ahead=0.0, turn=0.0):
+    states = waypoints.clone()
+    states[0] = torch.tensor([side, -ahead, math.sin(turn), -math.cos(turn)])
+    plans = {
+        "chspline": [splines.hermite(x[:, :2]) for x in (waypoints, states)],
+        "path": [planner.path(x) for x in (waypoints, states)],
+    }
+    fig, panels = plotting.stacked(2, height=3.3)
+    for ax, (name, both) in zip(panels, plans.items()):
+        as_planned, after = (curve.sample(interval=0.2) for curve in both)
         plotting.plot_reference(plotting.infinity_axes(ax, name), circles, "circles")
-        plotting.plot_states(ax, blue, "plan")
-        plotting.plot_states(ax, red[:13], "plan after a shift", plotting.RED)
-        plotting.plot_heading(ax, W, length=0.2)
-        ax.set(xlim=(-0.7, 1.2), ylim=(-1.2, 0.6))
-        merges[name] = (red != blue).any(-1).nonzero().max() // 5 + 1
+        plotting.plot_states(ax, as_planned, "plan")
+        plotting.plot_states(ax, after[:13], "plan of the pushed car", plotting.RED)
+        plotting.plot_heading(ax, waypoints, length=0.2)
+        ax.plot(side, -ahead, "s", color=plotting.RED, ms=7)
+        ax.set(xlim=(-0.7, 2.2), ylim=(-1.2, 0.6))
+        differs = (after != as_planned).any(-1).nonzero()
+        merges[name] = differs.max() // 5 + 1 if len(differs) else torch.tensor(0)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return fig
 
 
 merges = {}
-display(widgets.panels(shift, [-0.4, -0.2, 0.1, 0.2, 0.3], "shift to the side (m)"))
+alt = "Plans of a car beside its first waypoint; with headings they merge earlier."
+sides = [-0.4, -0.2, 0.1, 0.2, 0.3]
+display(widgets.panels(push, sides, "pushed aside by (m)", alt=alt))
+
+# %% tags=["claims"]
 claim("chspline_merges", merges["chspline"], equals=2)
 claim("plan_merges", merges["path"], equals=1)
-
+gaps = 1000 * points.diff(dim=0).norm(dim=-1)
+claim("gap_min", gaps.min(), above=130, unit="mm")
+claim("gap_max", gaps.max(), below=180, unit="mm")
+spacing = 1000 * blue[:-1, :2].diff(dim=0).norm(dim=-1)
+claim("plan_gap_min", spacing.min(), above=99, unit="mm")
+claim("plan_gap_max", spacing.max(), below=100.1, unit="mm")
+knots = torch.arange(1.0, 16.0)
+chspline = curves["chspline"]
+first_jump = chspline(knots, derivative=1) - chspline(knots - 1e-12, derivative=1)
+claim("first_jump", 1000 * first_jump.abs().max(), below=1e-6, unit="mm per piece")
+turns = (blue[1:, 2:] * blue[:-1, 2:]).sum(-1).clamp(max=1).acos()
+claim("turn_a_step", turns.max().rad2deg(), below=6, unit="degrees")
 
 # %% tags=["remove-cell"]
-def slider(name, value=0.0, end=1.0):
-    options = {"min": -end, "max": end, "step": 0.05, "description": name}
-    return ipywidgets.FloatSlider(value, **options)
-
-
-which = ipywidgets.IntSlider(4, 0, 16, description="waypoint")
-display(widgets.live(move, i=slider("i (m)", 0.3), j=slider("j (m)"), number=which))
-beside = {"side": slider("side (m)", 0.3), "ahead": slider("ahead (m)")}
-display(widgets.live(shift, **beside, turn=slider("turn (rad)", end=3.0)))
+options = {"step": 0.05, "min": -1.0, "max": 1.0}
+side = ipywidgets.FloatSlider(0.3, description="side (m)", **options)
+ahead_of = ipywidgets.FloatSlider(0.0, description="ahead (m)", **options)
+turned = ipywidgets.FloatSlider(0.0, min=-3.0, max=3.0, description="turn (rad)")
+alt = "Plans of a car in the chosen place, with the chosen heading."
+widgets.live(push, alt=alt, side=side, ahead=ahead_of, turn=turned)
 
 # %% [markdown]
-# | the paper on Fig. 4 (a) | chspline | path |
-# |:--|:--|:--|
-# | blue: "high degree of alignment" | {claim}`chspline_off` off | {claim}`path_off` off |
-# | red "eventually merges smoothly" | waypoint {claim}`chspline_merges` | {claim}`plan_merges` |
-# | "continuous first derivative" | jumps by {claim}`first_jump` | {claim}`turn_a_step` a step |
-# | "evenly distributed" | {claim}`gap_smallest` to {claim}`gap_largest` | as asked for |
-# | 64 sequences in one call | off by {claim}`batch` | "Follow the plan" |
+# The paper says that the blue line has "a high degree of alignment" with the circles (the table
+# above says how high), that the red one "eventually merges" with it, and that the points are
+# "evenly distributed":
 #
-# Merged means *the same numbers*: locality again. Without headings the shifted point also bends the
-# tangent at the next one, and chspline needs a piece more. In JupyterLab, sliders above move any
-# waypoint, and the car.
+# | | merged at waypoint | shortest gap | longest gap |
+# |:--|--:|--:|--:|
+# | chspline | {claim}`chspline_merges` | {claim}`gap_min` | {claim}`gap_max` |
+# | path | {claim}`plan_merges` | {claim}`plan_gap_min` | {claim}`plan_gap_max` |
+#
+# (A gap is the distance from one sample to the next.)
+#
+# Merged means *the same numbers*, and that is locality again. With path the pushed car bends only
+# the piece that it is on. Without headings its place also changes the tangent at the next waypoint,
+# and chspline needs a piece more. The paper's "continuous first derivative" holds: that of chspline
+# jumps by {claim}`first_jump`, which is rounding, and the heading of the plan turns by at most
+# {claim}`turn_a_step` from one state to the next. "Evenly distributed" is true of the parameter and
+# not of the distance: equal steps of $u$ are longer where the curve is faster. `pp.local_plan`
+# measures the curve's length, the integral of its speed, and takes states at equal distances.
 #
 # ### Follow the plan
 #
-# Close the loop: in each step the car plans from where it is, and aims at the point 0.3 m ahead on
-# its plan. Sixteen cars, fifteen of them shifted, in one call. <!-- given: 0.3 m -->
+# In each step the car now plans from where it is, and aims at the state 0.3 m ahead on its plan.
+# Because it never aims farther, it drives more slowly than when it hops. To compare fairly, we give
+# the hopping car a speed limit with which its lap takes equally long. <!-- given: 0.3 m -->
 
 
 # %%
 def ahead(x, goal, distance=0.3):
-    return pp.local_plan(x, W, goal, spacing=distance, count=2)[..., 1, :]
+    """Returns the state that lies the distance ahead, on a plan from x."""
+    plan = pp.local_plan(x, waypoints, goal, spacing=distance, count=2)
+    return plan[..., 1, :]
 
 
-start = W[0].repeat(16, 1)
-start[1:, :2] += 0.2 * torch.randn(15, 2, generator=torch.Generator().manual_seed(0))
-run = infinity.drive(mpc, infinity.SimulatedCar(x_init=start), aim=ahead, steps=90)
-fig, (left, right) = plt.subplots(1, 2, figsize=(7, 2.9), width_ratios=[1.4, 1])
-plotting.plot_reference(plotting.infinity_axes(left), circles, label="circles")
-plotting.plot_states(left, run.x[1:], label="15 shifted cars", color=plotting.RED)
-plotting.plot_states(left, run.x[0], label="the car")
-for u, name in [(hops.u, "the car, aims at points"), (run.u[0], None)]:
-    color = plotting.GREY if name else plotting.BLUE
-    right.plot(0.1 * torch.arange(len(u)), u[:, 0], ".-", color=color, label=name)
-right.set(xlabel="time (s)", ylabel="speed (m/s)", ylim=(0, None))
-fig.legend(loc="outside lower center", ncols=4)
-plt.show()
-far = off(run.x[:, :-1])
-claim("all_arrive", run.finished.all(), equals=True)
-claim("shifted_later", far[run.running & (run.goal > 2)].max(), below=0.06, unit="m")
+limit = torch.tensor([1.775, math.inf])  # m/s, rad/s
+slow_hops = infinity.drive(mpc, u_lower=-limit, u_upper=limit)
+followed = infinity.drive(mpc, aim=ahead)
+
+# %% tags=["hide-input"]
+laps = {"aims at points, speed limit": slow_hops, "follows its plan": followed}
+fig = plot_laps(laps)
+plotting.show(
+    fig,
+    "Two laps of equal duration, on the map, and their speeds and turn rates. With "
+    "the plan the turn rate is almost constant; with points it swings at every "
+    "waypoint.",
+)
+
+# %% tags=["claims"]
+slow_steps = slow_hops.u[:, 1].diff().square().mean()
+claim("hop_time", 0.1 * slow_hops.steps, above=6.7, below=7.2, unit="s")
+claim("plan_time", 0.1 * followed.steps, above=6.7, below=7.2, unit="s")
+claim("same_time", (slow_hops.steps - followed.steps).abs(), below=3)
+claim("calmer_plan", slow_steps / followed.u[:, 1].diff().square().mean(), above=20)
+claim("off_slow_hops", 1000 * off(slow_hops.x).mean(), above=50, unit="mm")
+claim("off_plan", 1000 * off(followed.x).mean(), below=12, unit="mm")
+claim("most_off_plan", 1000 * off(followed.x).max(), below=50, unit="mm")
+claim("most_off_hops", 1000 * off(hops.x).max(), above=50, unit="mm")
+exhaustive = infinity.controller()  # sweeps until nothing changes
+hop_plans = exhaustive.solve(0.1, hops.x[:-1], waypoints[hops.goal])
+aims = ahead(followed.x[:-1], followed.goal)
+on_plan = exhaustive.solve(0.1, followed.x[:-1], aims)
+claim("sweeps_hops", hop_plans.iterations.double().mean(), above=4, below=6)
+claim("sweeps_plan", on_plan.iterations.double().mean(), below=6)
+start = waypoints[0].repeat(16, 1)
+start[:, :2] += 0.2 * torch.randn(16, 2, generator=torch.Generator().manual_seed(0))
+world = infinity.SimulatedCar(x_init=start)
+sixteen = infinity.drive(mpc, world, aim=ahead, steps=90)
+claim("all_arrive", sixteen.finished.sum(), equals=16)
+later = sixteen.running & (sixteen.goal > 2)
+claim("later_off", 1000 * off(sixteen.x[:, :-1])[later].max(), below=60, unit="mm")
+far = infinity.drive(mpc, aim=lambda x, goal: ahead(x, goal, 0.5), steps=90)
+claim("far_finishes", far.finished, equals=False)
+
+# %% [markdown]
+# Both laps take the same time, {claim}`hop_time` and {claim}`plan_time`. The limit calms the speed
+# of the hopping car, but not its steering: with the plan the mean square of the changes of the
+# turn rate is {claim}`calmer_plan` times smaller. And the car with the plan stays
+# {claim}`off_plan` from the circles on average, the other one {claim}`off_slow_hops`: it turns to
+# the next waypoint as soon as it is within the tolerance of the last, and so keeps to the inside
+# of the circles.
+#
+# The paper adds that dense waypoints "could decrease the computing cost of MPC and overshoot
+# probability". Overshoot, yes: the farthest point of the lap is {claim}`most_off_plan` off the
+# circles, and {claim}`most_off_hops` in the lap of "It fails". The cost, hardly: a plan takes
+# {claim}`sweeps_plan` sweeps on average instead of {claim}`sweeps_hops`. Sixteen cars pushed aside
+# at the start all arrive, and past the second waypoint none is more than {claim}`later_off` off the
+# circles. Only keep the look-ahead short, so that overshoot stays within the tolerance of a
+# waypoint. With 0.5 m the car passes the first one too far away and turns round for it.
+# <!-- given: 0.5 m -->
+
+# %% [markdown]
+# ## Poses: from the hat to the exponential
+#
+# A {term}`pose` is a place and a direction. What is half way between two poses? Not the mean of
+# their numbers: the mean of two headings $(\cos, \sin)$ is shorter than 1, and the mean of the
+# angles 179° and -179° looks the other way. Ask a car instead: how would it drive from one to the
+# other? <!-- given: 179°, half way -->
+#
+# **Poses as matrices.** Let $R$ be the rotation by the heading and $p$ the place. A point that the
+# car sees at $q$ in its own frame lies at $R q + p$ in the world. With a 1 below the coordinates
+# this is one product with the matrix
+#
+# $$ T = \begin{bmatrix} R & p \\ 0 & 1 \end{bmatrix} . $$
+#
+# One pose after another is the product of their matrices. Such matrices form the group
+# {term}`SE(2)`; products and inverses of poses are poses, sums are not.
+#
+# **The hat.** In its own frame the car has the velocity $(v_x, v_y)$ and the turn rate $\omega$.
+# (An ordinary car has $v_y = 0$.) These three numbers are its {term}`twist`, $\xi$. During a short
+# time $dt$ the car moves by $(v_x, v_y)\, dt$ and turns by $\omega\, dt$, seen from where it was.
+# Up to terms of order $dt^2$ that is the pose $I + \hat\xi\, dt$, where the *hat* puts the three
+# numbers into a matrix:
+#
+# $$
+# \hat\xi = \begin{bmatrix} 0 & -\omega & v_x \\ \omega & 0 & v_y \\ 0 & 0 & 0 \end{bmatrix}
+# $$ (eq-6-hat)
+#
+# (A rotation by a small angle $\epsilon$ has $\cos \epsilon \approx 1$ and
+# $\sin \epsilon \approx \epsilon$.) So $T(t + dt) = T(t)\, (I + \hat\xi\, dt)$, which means
+#
+# $$ T' = T\, \hat\xi . $$ (eq-6-motion)
+#
+# **The exponential.** For a constant twist this linear differential equation has the solution
+# $T(t) = T(0) \exp(t\, \hat\xi)$ with the matrix exponential
+# $\exp(A) = I + A + \frac12 A^2 + \dots$ We write $\exp(\xi)$ for the pose $\exp(\hat\xi)$: where a
+# constant twist leads in time 1, seen from where it began.
+#
+# **A closed form.** In time 1 the heading turns by $\theta = \omega$, so $R$ is known. The place is
+# the sum of all small moves, each turned by the angle reached by then:
+# $\int_0^1 R(s\, \theta)\, v\, ds$. Take vectors of the plane as complex numbers. Then $R(s\theta)$
+# is the factor $e^{i s \theta}$, and
+#
+# $$
+# \int_0^1 e^{i s \theta} ds = \frac{e^{i\theta} - 1}{i \theta}
+# = \frac{\sin(\theta/2)}{\theta/2}\; e^{i \theta/2} .
+# $$ (eq-6-chord)
+#
+# In words: a constant twist drives an arc. Its chord has the direction of $v$ turned by
+# $\theta/2$, and is shorter than $|v|$ by the factor $\sin(\theta/2) / (\theta/2)$.
+
+# %% tags=["hide-input"]
+xi = torch.tensor([4.0, 0.0, 1.5])
+along = lie.se2_exp(torch.linspace(0, 1, 50)[:, None] * xi)
+fig, ax = plt.subplots(figsize=(7, 4))
+ax.plot(*along[:, :2].mT, lw=3, label=r"the arc, $\exp(u \xi)$")
+ax.plot(*along[[0, -1], :2].mT, "--", color=plotting.GREY, lw=2, label="its chord")
+for u in (0.0, 0.5, 1.0):
+    i, j, c, s = lie.se2_exp(u * xi).tolist()
+    sketches.car(ax, i, j, math.atan2(s, c))
+sketches.arrow(ax, (0, 0), (1.8, 0), color=plotting.RED)
+sketches.word(ax, 1.3, -0.45, "$v$", plotting.RED)
+bow = torch.linspace(0, 0.75, 20)
+ax.plot(bow.cos(), bow.sin(), color="black", lw=1)
+sketches.word(ax, 1.02, 0.42, r"$\theta / 2$")
+sketches.word(ax, -0.4, -0.75, "u = 0")
+end = along[-1]
+sketches.word(ax, *(end[:2] + torch.tensor([0.5, -0.1])), "u = 1")
+ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal", xlim=(-1, 4.6), ylim=(-1, 3.2))
+ax.legend(loc="upper left")
+plotting.show(
+    fig,
+    "A car drives an arc with constant speed and turn rate; it is drawn at three "
+    "times. The chord from start to end is at half the total angle to the first "
+    "direction.",
+)
+
+# %% tags=["claims"]
+direction = torch.atan2(along[-1, 1], along[-1, 0])
+claim("chord_half_angle", direction / xi[2], equals=0.5, within=1e-9)
+
+# %% [markdown]
+# In code, with `torch.sinc(x)`, which is $\sin(\pi x) / (\pi x)$ and knows that it is 1 at 0:
 
 
 # %%
-def restless(u):
-    return u.diff(dim=0).square().mean()
+def se2_exp(xi):
+    """Returns the pose [x, y, cos, sin] of a twist [v_x, v_y, theta]."""
+    theta = xi[2]
+    half = theta / 2
+    turn = torch.stack([half.cos(), -half.sin(), half.sin(), half.cos()])
+    chord = torch.sinc(half / math.pi) * turn.reshape(2, 2) @ xi[:2]  # (6.10)
+    return torch.stack([chord[0], chord[1], theta.cos(), theta.sin()])
 
 
-x, u, goal = (z[0, : run.steps[0]] for z in (run.x, run.u, run.goal))
-claim("smoother_lines", restless(hops.u) / restless(lines.u), above=4)
-claim("smoother_plan", restless(hops.u) / restless(u), above=50)
-for name, path in [("hops", hops.x), ("lines", lines.x), ("plan", x)]:
-    claim(f"strays_{name}", off(path).mean(), below=0.025, unit="m")
-claim("overshoot_hops", off(hops.x).max(), above=0.05, unit="m")
-claim("overshoot_plan", off(x).max(), below=0.05, unit="m")
-whole = infinity.controller()  # sweeps until it has converged
-from_hops = whole.solve(0.1, hops.x[:-1], W[hops.goal]).iterations.double()
-claim("sweeps_hops", from_hops.mean(), above=4, below=6)
-from_plan = whole.solve(0.1, x, ahead(x, goal)).iterations.double()
-claim("sweeps_plan", from_plan.mean(), below=6)
-half = infinity.drive(infinity.controller(T=5), aim=ahead, steps=90)
-claim("strays_half", off(half.x).mean(), below=0.0185, unit="m")
-farther = infinity.drive(mpc, aim=partial(ahead, distance=0.5), steps=30)
-claim("reached_farther", farther.goal.max() - 1, below=4)
-
-# %% [markdown]
-# All arrive. The unshifted car's inputs change {claim}`smoother_plan` times less than when it hops,
-# and it strays {claim}`strays_plan` on average. The others are pulled back: past the second
-# waypoint none is farther off than {claim}`shifted_later`. The paper adds that dense waypoints
-# "could decrease the computing cost of MPC and overshoot probability". Overshoot, yes:
-# {claim}`overshoot_plan` at most, {claim}`overshoot_hops` before. The cost: a plan takes
-# {claim}`sweeps_plan` sweeps, hardly fewer than {claim}`sweeps_hops`, but *half the horizon* will
-# do. With five steps the car strays {claim}`strays_half`.
-#
-# Aim 0.5 m ahead, and in 30 steps it reaches {claim}`reached_farther` waypoints. It drives faster,
-# passes the first waypoint by more than the tolerance, and its plan turns round for it. Do not look
-# farther than you can miss. <!-- given: 0.5 m -->
-
-# %% [markdown]
-# ## Poses
-#
-# A *pose* is a place and a direction: $[x, y, \cos, \sin]$ in the plane; in space three coordinates
-# and a unit quaternion. What is half way between two poses? Not the mean of the numbers: headings
-# of 179° and -179° are neighbours, and their mean looks the other way. <!-- given: 179° -->
-#
-# Ask a car instead. With a constant *twist* $\xi = [v_x, v_y, \omega]$, speed and turn rate in its
-# own frame, it drives an arc. Its pose after time 1, seen from where it started, is called
-# $\exp(\xi)$; seen from the world it is $T_0 \exp(\xi)$, for poses are composed like matrices. The
-# twist that leads from one pose to another is the *logarithm*. So the way from $T_0$ to $T_1$ is
-#
-# $$ T(u) = T_0 \exp(u\, \xi), \qquad \xi = \log(T_0^{-1} T_1) $$ (eq-6-geodesic)
-#
-# **Predict.** Take waypoints 4 and 7. Is the way between them a straight line, the circle, or
-# neither?
-
-# %%
-u, (A, B) = torch.linspace(0, 1, 9)[:, None], W[[4, 7]]
-xi = lie.se2_log(lie.se2_compose(lie.se2_inverse(A), B))
-along = lie.se2_compose(A, lie.se2_exp(u * xi))
-mixed = (1 - u) * A + u * B
-angle = (1 - u) * torch.atan2(A[3], A[2]) + u * torch.atan2(B[3], B[2])
-turned = torch.cat([mixed[:, :2], angle.cos(), angle.sin()], -1)
-fig, panels = plt.subplots(1, 3, figsize=(7, 2.5), sharey=True)
-ways = {"numbers: cos, sin": mixed, "numbers: angle": turned, "exp and log": along}
-for ax, (name, x) in zip(panels, ways.items()):
-    plotting.plot_reference(plotting.infinity_axes(ax, name), circles)
-    plotting.plot_heading(ax, x, length=0.5, color=plotting.BLUE).width = 0.012
-    plotting.plot_heading(ax, torch.stack([A, B]), length=0.5).width = 0.012
-    ax.set(xlim=(-0.2, 2.4), ylim=(-0.5, 1.4))
-    ax.label_outer()
-plt.show()
-claim("shortest_arrow", mixed[:, 2:].norm(dim=-1).min(), below=0.5)
-claim("on_the_circle", off(along).max(), below=1e-12, unit="m")
+xi = torch.tensor([4.0, 0.0, 1.5])
 hat = torch.tensor([[0, -xi[2], xi[0]], [xi[2], 0, xi[1]], [0, 0, 0]])
-by_matrix = lie.se2_matrix(A) @ torch.linalg.matrix_exp(hat)
-claim("matrix_exp", (by_matrix - lie.se2_matrix(B)).abs().max(), below=1e-12)
+matrix = torch.linalg.matrix_exp(hat)
+print("ours:       ", se2_exp(xi))
+print("the library:", lie.se2_exp(xi))
+print("exp(hat):\n", matrix)
+
+# %% tags=["claims"]
+claim("same_exp", (se2_exp(xi) - lie.se2_exp(xi)).abs().max(), below=1e-14)
+by_matrix = (matrix - lie.se2_matrix(se2_exp(xi))).abs().max()
+claim("exp_of_hat", by_matrix, below=1e-12)
 
 # %% [markdown]
-# <details><summary>Answer</summary>
+# The other way round, the twist that leads to a given pose is its {term}`logarithm <logarithm (of a
+# pose)>`: read $\theta$ from the heading, then undo {eq}`eq-6-chord`. So the natural way from $T_0$
+# to $T_1$ is a constant twist,
 #
-# The circle, to {claim}`on_the_circle`: going round at constant speed *is* a constant twist. Mixed
-# cosines and sines shrink to {claim}`shortest_arrow`. Mixed angles turn the long way round.
+# $$
+# \begin{aligned}
+# T(u) &= T_0 \exp(u\, \xi), \\
+# \xi &= \log(T_0^{-1} T_1) .
+# \end{aligned}
+# $$ (eq-6-way)
 #
-# </details>
-#
-# The name is earned (the last claim): it is the exponential of the matrix
-#
-# $$ \begin{bmatrix} 0 & -\omega & v_x \\ \omega & 0 & v_y \\ 0 & 0 & 0 \end{bmatrix} . $$
-#
-# In space a twist has six numbers, and a spline of poses is {eq}`eq-6-steps` with twists as steps
-# {cite}`kim1995`:
-#
-# $$ T(u) = T_0 \exp(\lambda_1 s_1) \exp(\lambda_2 s_2) \exp(\lambda_3 s_3) $$ (eq-6-poses)
-#
-# `pp.chspline` and `pp.bspline` do this when they are given an `SE3`. Here is the body of a dog
-# that walks the first circle over a hill: nose along the slope, leaning into the turn.
+# **Predict.** Waypoints 4 and 7 lie on the first circle. Is this way between them a straight line,
+# the circle, or neither?
 
+# %% tags=["answer"]
+first = waypoints[4]
+last = waypoints[7]
+u = torch.linspace(0, 1, 9)[:, None]
+twist = lie.se2_log(lie.se2_compose(lie.se2_inverse(first), last))
+by_twist = lie.se2_compose(first, lie.se2_exp(u * twist))  # (6.11)
+by_numbers = (1 - u) * first + u * last
+print("twist:", twist)
+
+# %% tags=["answer", "hide-input"]
+fig, panels = plotting.stacked(2, height=2.7)
+ways = {"means of the numbers": by_numbers, "constant twist": by_twist}
+for ax, (name, way) in zip(panels, ways.items()):
+    plotting.plot_reference(plotting.infinity_axes(ax, name), circles, "circles")
+    between = plotting.plot_heading(ax, way, length=0.4, color=plotting.BLUE)
+    between.set_label("between")
+    given = plotting.plot_heading(ax, waypoints[[4, 7]], length=0.4)
+    given.set_label("given")
+    ax.set(xlim=(-0.3, 2.9), ylim=(-0.4, 1.3))
+    ax.legend(loc="center right")
+plotting.show(
+    fig,
+    "Arrows between two waypoints of a circle. The means of the numbers lie on the "
+    "chord and shrink in the middle; those of a constant twist lie on the circle.",
+)
+
+# %% tags=["answer", "claims"]
+claim("shortest_heading", by_numbers[:, 2:].norm(dim=-1).min(), below=0.5)
+claim("on_the_circle", off(by_twist).max(), below=1e-12, unit="m")
+claim("turn_rate_of_way", twist[2] / twist[0], equals=1, within=1e-9)
+
+# %% [markdown] tags=["answer"]
+# The circle, to {claim}`on_the_circle`: going round at constant speed *is* a constant twist, here
+# with no sideways part and equal speed and turn rate, as the radius is 1 m. Among poses a circle is
+# what a straight line is among points. The means of the numbers leave the circle, and their
+# headings shrink to a length of {claim}`shortest_heading`.
+
+# %% [markdown]
+# ### The adjoint: one motion, seen from two frames
+#
+# The camera on the roof of a turning car has the car's turn rate, but another velocity. If $T$ is
+# the pose of a frame $b$ seen from a frame $a$, and a motion has the twist $\xi$ seen from $b$,
+# then seen from $a$ its twist is $\text{Ad}_T\, \xi$, a matrix times $\xi$. This matrix is the
+# {term}`adjoint` of $T$, defined by
+#
+# $$
+# \begin{aligned}
+# T \exp(\xi)\, T^{-1} &= \exp(\text{Ad}_T\, \xi), \\
+# \text{Ad}_T &= \begin{bmatrix} R & (p_y, -p_x)^\top \\ 0 & 1 \end{bmatrix} .
+# \end{aligned}
+# $$ (eq-6-adjoint)
+#
+# (Multiply out $T \hat\xi\, T^{-1}$ to see the second line.) The order of two motions matters, and
+# the adjoint says what changes when they swap places:
+# $\exp(\eta) \exp(\xi) = \exp(\xi) \exp(\eta')$ with $\eta' = \text{Ad}_{\exp(-\xi)}\, \eta$.
+
+# %% [markdown]
+# ## Poses in space
+#
+# In space the same ideas take three numbers more. A rotation has an axis and an angle; their
+# product is the *rotation vector* $\phi$ with three components and length $\theta = |\phi|$. Its
+# hat is the matrix of the cross product, $\hat\phi\, a = \phi \times a$. The third power is the
+# first one again, up to a factor: $\hat\phi^3 = -\theta^2 \hat\phi$. So in the series of
+# $\exp(\hat\phi)$ all powers above 2 become multiples of the first two, whose factors add up to
+# those of sine and cosine. This is {term}`Rodrigues' formula`:
+#
+# $$
+# R = I + \frac{\sin\theta}{\theta}\, \hat\phi + \frac{1 - \cos\theta}{\theta^2}\, \hat\phi^2
+# $$ (eq-6-rodrigues)
+#
+# The library keeps rotations not as nine numbers but as four, a unit {term}`quaternion`
+#
+# $$
+# q = \left[ \sin(\theta/2)\, \frac{\phi}{\theta},\; \cos(\theta/2) \right] ,
+# $$ (eq-6-quaternion)
+#
+# which takes fewer operations to multiply and is easily brought back to length 1 after rounding.
+# The half angle has a consequence: after a full turn, $\theta = 2\pi$, the rotation is the same
+# and $q$ has changed its sign. *$q$ and $-q$ are the same rotation.* At $\theta = 0$ both formulas
+# are 0/0. There one needs the series, such as $\sin(\theta/2)/\theta \approx 1/2 - \theta^2/48$;
+# you write one in the lab.
+#
+# A pose in space is a place and a quaternion, `pp.SE3`, seven numbers. A twist has six, velocity
+# first. And a spline of poses is {eq}`eq-6-steps`, with twists as steps and products instead of
+# sums {cite}`kim1995`:
+#
+# $$
+# \begin{aligned}
+# T(u) = T_0 &\exp(\lambda_1 s_1) \exp(\lambda_2 s_2) \\
+# &\exp(\lambda_3 s_3)
+# \end{aligned}
+# $$ (eq-6-poses)
+#
+# `pp.chspline` and `pp.bspline` do this when they get an `SE3`. (The velocity is
+# $v = \lambda_1' s_1$ after the first factor; each further factor $A_j = \exp(\lambda_j s_j)$
+# shows it from a new frame and adds its own,
+# $v \leftarrow \text{Ad}_{A_j^{-1}} v + \lambda_j' s_j$.) Here is the body of a dog that walks the
+# first circle over a hill, with its nose along the slope, leaning into the turn.
 
 # %%
-s, stand = torch.arange(9) * math.pi / 4, torch.zeros(9, 7)
-stand[:, :2], stand[:, 6] = P[:9], 1
-yaw, tilt = torch.zeros(2, 9, 6)  # twists, m and rad
-yaw[:, 5] = s - math.pi / 2
-tilt[:, 3], tilt[:, 4] = -0.6 * (s / 2).sin() ** 2, -(0.4 * s.sin()).atan()
-flat = pp.SE3(stand) @ pp.se3(yaw).Exp()
+s = torch.arange(9) * math.pi / 4  # m, along the circle
+stand = torch.zeros(9, 7)
+stand[:, :2] = places[:9]
 stand[:, 2] = 0.6 - 0.4 * s.cos()  # the hill
+stand[:, 6] = 1  # upright
+yaw = torch.zeros(9, 6)
+yaw[:, 5] = s - math.pi / 2
+tilt = torch.zeros(9, 6)
+tilt[:, 3] = -0.6 * (s / 2).sin() ** 2  # leaning
+tilt[:, 4] = -(0.4 * s.sin()).atan()  # up and down the slope
 body = pp.SE3(stand) @ pp.se3(yaw).Exp() @ pp.se3(tilt).Exp()
 way = pp.chspline(body, 0.05)
-fig, ax = plt.subplots(figsize=(7, 4.6), subplot_kw={"projection": "3d", "azim": -70})
-for M, size, w in [(way[::5].matrix(), 0.16, 0.8), (body.matrix(), 0.4, 2.2)]:
-    for axis, c in enumerate([plotting.RED, plotting.GREEN, plotting.BLUE]):
-        ax.quiver(*M[:, :3, 3].mT, *size * M[:, :3, axis].mT, color=c, lw=w)
-ax.plot(*way.translation().mT, color="black")
-ax.plot(*circles[:101, :2].mT, 0, color=plotting.ORANGE, lw=3)
+
+# %% tags=["hide-input"]
+fig, ax = plt.subplots(figsize=(7, 5.2), subplot_kw={"projection": "3d", "azim": -70})
+axes = {"forward": plotting.RED, "left": plotting.GREEN, "up": plotting.BLUE}
+for poses, size, width in [(way[::5].matrix(), 0.16, 0.8), (body.matrix(), 0.4, 2.2)]:
+    for k, (name, color) in enumerate(axes.items()):
+        label = name if size > 0.2 else None
+        arrow = size * poses[:, :3, k].mT
+        ax.quiver(*poses[:, :3, 3].mT, *arrow, color=color, lw=width, label=label)
+ax.plot(*way.translation().mT, color="black", label="spline of poses")
+ground = circles[:101, :2].mT
+ax.plot(*ground, 0, color=plotting.ORANGE, lw=3, label="circle on the ground")
 ax.set(xlabel="i (m)", ylabel="j (m)", zlabel="height (m)", zlim=(0, 1.3))
 ax.set(xlim=(-0.3, 2.3), ylim=(-1.3, 1.3))
-ax.set_box_aspect((2, 2, 1), zoom=1.2)
+ax.set_box_aspect((2, 2, 1), zoom=1.1)
+fig.legend(loc="outside lower center", ncols=3)
+plotting.show(
+    fig,
+    "Nine poses on a hilly circle as long axes forward, left and up, and many short "
+    "ones between them on a smooth curve.",
+)
+
+# %% tags=["claims"]
 claim("poses_passed", (way[::20] - body).abs().max(), below=1e-12)
+level = torch.zeros(9, 7)
+level[:, :2] = places[:9]
+level[:, 6] = 1
+flat = pp.SE3(level) @ pp.se3(yaw).Exp()
 claim("flat_off", off(pp.bspline(flat, 0.1)).max(), below=1e-12, unit="m")
+pose_curve = splines.uniform_bspline(body)
+inner = torch.arange(1.0, pose_curve.segments)
+rate_jump = pose_curve(inner, 2) - pose_curve(inner - 1e-12, 2)
+claim("rate_jump", rate_jump.abs().max(), below=1e-9)
 
 # %% [markdown]
-# Red is forwards, green left, blue up; the long axes are the nine poses, the circle is the ground.
-# The curve passes all nine, to {claim}`poses_passed`. Without the hill even the bspline of the
-# poses is the circle itself, to {claim}`flat_off`. That of the *places* cut every corner; but to a
-# spline of poses, a circle is as straight as a line. And nobody gave it tangents: poses know where
-# they look.
+# The long axes are the nine given poses; the curve passes them, to {claim}`poses_passed`. Nobody
+# gave it tangents: poses know where they look. On level ground even the B-spline of the poses is
+# the circle itself, to {claim}`flat_off`, although that of the *places* missed its waypoints by
+# {claim}`bspline_missed`. All steps of the poses are the same twist, and whatever shares of equal
+# twists are done, the product stays on the circle.
 
 # %% [markdown]
-# ## Break it
+# ## Uncertain poses
 #
-# - **By parameter.** Six waypoints, the last two far apart; samples at equal steps of the
-#   parameter.
-# - **Numbers.** The dog's quaternions, given to `chspline` as plain numbers. All have $w \ge 0$, as
-#   many sensors deliver them.
-# - **Rounding.** `interval=1/k`, and `math.ceil(1 / interval)` samples a piece.
+# The filter of chapter 4 has a covariance $P$ of the four numbers $[i, j, \cos, \sin]$. But a
+# heading is *one* number. Let its angle have the standard deviation $\sigma$. A small error
+# $\epsilon$ of the angle changes $(\cos\theta, \sin\theta)$ by
+# $(-\sin\theta, \cos\theta)\, \epsilon$, hence the covariance of the two is
 #
-# **Predict.** Which of the three can be seen on a map of the places?
+# $$
+# P_{\cos,\sin} = \sigma^2 \begin{bmatrix} -\sin\theta \\ \cos\theta \end{bmatrix}
+# \begin{bmatrix} -\sin\theta & \cos\theta \end{bmatrix} .
+# $$ (eq-6-rank)
+#
+# It has rank 1: to first order a heading can turn, but not grow. For a whole pose, let the true one
+# be $\bar T \exp(\eta)$ with a random twist $\eta$ of covariance $\Sigma$ (3, 3). Then
+# $P = J \Sigma J^\top$, with the Jacobian $J$ (4, 3) of the four numbers with respect to $\eta$, is
+# *rank-deficient*, of rank 3. Chapter 4 adds noise to $\cos$ and $\sin$ separately, which fills the
+# fourth direction: convenient, but such headings do not exist.
+#
+# Now let cars start at the first waypoint with an uncertain pose and drive half of the circle,
+# with the twist $\xi$. When $\exp(\eta)$ and $\exp(\xi)$ swap places, the error $\eta$ at the
+# start becomes $\text{Ad}_{\exp(-\xi)}\, \eta$ at the end, *exactly*. So a Gaussian twist stays
+# Gaussian, with the covariance $\text{Ad}\, \Sigma\, \text{Ad}^\top$. It is the prediction of a
+# Kalman filter, without an approximation. <!-- given: half -->
 
 # %%
-curve = splines.hermite(P[[0, 1, 2, 3, 4, 8]])
-ways = torch.linspace(0, 5, 31), splines.evenly_spaced(curve, 31)
-uneven, even = (curve(t).diff(dim=0).norm(dim=-1) for t in ways)
-fig, (one, two, three) = plt.subplots(1, 3, figsize=(7, 2.6))
-one.plot(uneven, "s-", ms=3, label="by parameter")
-one.plot(even, "o-", ms=3, label="by distance")
-one.set(title="by parameter", xlabel="sample", ylabel="way to the next (m)")
-one.legend(loc="upper left")
-q = body.rotation()
-as_numbers = pp.chspline(q.where(q[:, 3:] > -1e-9, -q), 0.05)  # w is not negative
-length = torch.stack([as_numbers, way.rotation()]).norm(dim=-1)
-two.plot(0.05 * torch.arange(161), length.mT)
-two.set(title="numbers", xlabel="pose", ylabel="length of quaternion", ylim=(0, 1.3))
-broken = [k for k in range(1, 201) if math.ceil(1 / (1 / k)) > k]
-three.vlines(broken, 0, 1, color=plotting.BLUE)
-three.set(title="rounding", xlabel="k", ylabel="samples too many", yticks=[0, 1])
-claim("uneven", uneven.max() / uneven.min(), above=2)
-claim("shrunk", length[0].min(), below=0.5)
-claim("unit", (length[1] - 1).abs().max(), below=1e-12)
-claim("surplus_intervals", len(broken), equals=6)
+deviations = torch.tensor([0.05, 0.05, 0.4])  # m, m, rad, in the car's frame
+half_circle = torch.tensor([math.pi, 0.0, math.pi])
+Ad = lie.se2_adjoint(lie.se2_exp(-half_circle))
+Sigma = Ad @ deviations.square().diag() @ Ad.mT
+mean = lie.se2_compose(waypoints[0], lie.se2_exp(half_circle))
+J = torch.zeros(4, 3)  # of [i, j, cos, sin] with respect to eta
+J[:2, :2] = lie.se2_matrix(mean)[:2, :2]
+J[2:, 2] = torch.stack([-mean[3], mean[2]])
+P = J @ Sigma @ J.mT
+print("eigenvalues of P:", torch.linalg.eigvalsh(P))
 
 # %% [markdown]
-# <details><summary>Answer</summary>
-#
-# Only the first, as dots that spread out. In the second the places are right, and in the third two
-# dots lie on top of each other.
-#
-# </details>
-#
-# - **By parameter.** One sample a step, and the car would have to speed up {claim}`uneven` times.
-#   The parameter knows no metres. How long a curve is has no formula; `splines.arc_length` adds up
-#   $|p'|$ (Gauss's quadrature, on shorter pieces where a second rule does not agree), and
-#   `splines.evenly_spaced` and `pp.local_plan` turn the question round by Newton's method.
-# - **Numbers.** $q$ and $-q$ are the same rotation. Where the sign changes, numbers go through the
-#   middle: a length of {claim}`shrunk`. Scaled back to 1, the dog somersaults. Plot the length; fix
-#   by {eq}`eq-6-poses`, that is, by `pp.SE3(...)` (the red line, 1 to {claim}`unit`).
-# - **Rounding.** In floating point $1 / (1/49)$ is a little more than 49. For
-#   {claim}`surplus_intervals` of 200 values of $k$ a piece gets one sample too many, $10^{-16}$
-#   before its end, and a heading from differences is noise. Fix: round; and take headings from the
-#   derivative.
+# **Predict.** Four thousand cars drive. Of their places, how many lie in the ellipse of $P$ that
+# should hold 95 %: about 95 %, 80 % or 60 %? And how many poses lie in the region of $\Sigma$?
+# <!-- given: 80 %, 60 % -->
+
+# %% tags=["answer", "hide-input"]
+generator = torch.Generator().manual_seed(0)
+errors = deviations * torch.randn(4000, 3, generator=generator)
+cars = lie.se2_compose(waypoints[0], lie.se2_exp(errors))
+cars = lie.se2_compose(cars, lie.se2_exp(half_circle))
+fig, ax = plt.subplots(figsize=(7, 4.6))
+ax.plot(*cars[:, :2].mT, ".", ms=2, color=plotting.GREY, label="4000 cars")
+ellipse = plotting.plot_covariance(ax, mean, P, color=plotting.BLUE)
+ellipse.set(lw=2, label="95 % by P, of the numbers")
+angle = torch.linspace(0, 2 * math.pi, 200)
+variance, axes = torch.linalg.eigh(Sigma)
+ring = torch.stack([angle.cos(), angle.sin()], -1)
+ring = (ring * variance[1:].sqrt()) @ axes[:, 1:].mT  # the largest section
+ring = math.sqrt(7.815) * ring  # of the ellipsoid that holds 95 %, chi-square, 3
+banana = lie.se2_compose(mean, lie.se2_exp(ring))
+label = "95 % by Σ, of the twist"
+ax.plot(*banana[:, :2].mT, "--", color=plotting.RED, lw=2, label=label)
+start = waypoints[0, :2]
+ax.plot(*start, "k*", ms=11, label="start")
+ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal", xlim=(-0.2, 2.4))
+ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+plotting.show(
+    fig,
+    "The places of many cars form a bent cloud, a banana, around the start. The "
+    "ellipse of the numbers is straight and leaves the ends of the cloud outside; "
+    "the image of an ellipsoid of twists is bent like the cloud.",
+)
+
+# %% tags=["answer", "claims"]
+away = (cars - mean)[:, :2]
+inside = (away @ torch.linalg.inv(P[:2, :2]) * away).sum(-1) <= 5.991  # chi-square, 2
+claim("ellipse_holds", 100 * inside.double().mean(), below=65, unit="%")
+eta = lie.se2_log(lie.se2_compose(lie.se2_inverse(mean), cars))
+within = (eta @ torch.linalg.inv(Sigma) * eta).sum(-1) <= 7.815  # chi-square, 3
+claim("banana_holds", 100 * within.double().mean(), equals=95, within=1.5, unit="%")
+values = torch.linalg.eigvalsh(P)
+claim("rank", (values > 1e-12 * values[-1]).sum(), equals=3)
+
+# %% [markdown] tags=["answer"]
+# The ellipse holds {claim}`ellipse_holds`, for the cloud bends around the start and the ellipse
+# cannot. In twists {claim}`banana_holds` lie inside, as they should: the cloud is exactly
+# Gaussian there, and its bent image is known as the *banana distribution* {cite}`long2012`. (The
+# dashed line is the image of the largest section of the ellipsoid.) The rank of $P$ is
+# {claim}`rank`. A filter on poses keeps $\Sigma$, corrects by $T \leftarrow T \exp(K r)$, and has
+# no fourth direction to care about.
 
 # %% [markdown]
-# ## Verify
+# ## How we know: orders of convergence
 #
-# *Order.* Take $N$ points of a circle, then twice as many: the error has to fall by the curve's own
-# power of the spacing. A wrong coefficient spoils the power. That the error falls proves nothing.
-# *Continuity.* Both sides of the knots, for points and poses. It sees tables that do not fit
-# together, and is blind to those that fit and lead elsewhere. *Gradients,* as ever, against
-# differences.
-
-
-# %%
-def errors(N):
-    ring = infinity.reference(torch.linspace(0, 2 * math.pi, N + 1))
-    t = torch.linspace(0.3 * N, 0.7 * N, 12 * N)  # far from the ends
-    return torch.stack([off(make(ring)(t)).max() for make, _, _ in curves.values()])
-
-
-for name, order, power in zip(curves, (errors(32) / errors(64)).log2(), [4, 2, 4, 6]):
-    claim(f"order_{name}", order, equals=power, within=0.2)
-
-
-def jump(curve, derivative):
-    t = torch.arange(1.0, curve.segments)
-    return (curve(t, derivative) - curve(t - 1e-12, derivative)).abs().max()
-
-
-claim("first_jump", jump(splines.hermite(P), 1), below=1e-9)
-claim("poses_jump", jump(splines.hermite(body), 1), below=1e-9)
-claim("bspline_jump", jump(splines.uniform_bspline(body), 2), below=1e-9)
-w = W[:4].clone().requires_grad_()
-claim("gradcheck", gradcheck(lambda w: pp.local_plan(w[0], w, 1), w), equals=True)
-
-# %% [markdown]
-# The orders: chspline {claim}`order_chspline`, bspline {claim}`order_bspline` (it never reaches its
-# points), global {claim}`order_global`, path {claim}`order_path`. Poses are as smooth as points:
-# chspline's first derivatives jump by {claim}`poses_jump`, bspline's second ones by
-# {claim}`bspline_jump`. `gradcheck` goes through a whole plan, lengths and Newton's method
-# included.
-
-# %% [markdown]
-# ## Differentiate through it
+# Take $N$ points of a known curve, at equal steps, and then twice as many. The error of a spline
+# falls by its own power of the step: halve the step, and an error of {term}`order <order of
+# convergence>` 3 is divided by 8. A wrong coefficient spoils the power, so the order is a sharp
+# test. That the error falls proves little, since almost any curve comes nearer when its points do.
+# <!-- given: twice, half -->
 #
-# Suppose this car cannot turn tighter than half a metre: $|\kappa| \le 2$. chspline asks for
-# {claim}`chspline_curvature`. But a waypoint counts as reached within 0.1 m, so nobody minds if we
-# *move* the waypoints a little. Which way? The gradient of the curvature says so.
-# <!-- given: 0.1 m -->
+# **Predict.** We measure on a sine and on a circle, away from the ends. Both are smooth. Will the
+# orders be the same?
+
+
+# %% tags=["answer"]
+def sine(N):
+    """Returns N + 1 states on one period of the sine."""
+    x = torch.linspace(0, 2 * math.pi, N + 1)
+    direction = torch.stack([torch.ones(N + 1), x.cos()], dim=-1)
+    direction = direction / direction.norm(dim=-1, keepdim=True)
+    return torch.cat([x[:, None], x.sin()[:, None], direction], dim=-1)
+
+
+def circle(N):
+    return infinity.reference(torch.linspace(0, 2 * math.pi, N + 1))
+
+
+makers = {
+    "chspline": lambda states: splines.hermite(states[:, :2]),
+    "natural": lambda states: natural_spline(states[:, :2]),
+    "B-spline": lambda states: b_spline(states[:, :2]),
+    "path": planner.path,
+}
+
+
+# %% tags=["answer", "hide-input"]
+def above_sine(p):
+    return (p[:, 1] - p[:, 0].sin()).abs()
+
+
+tests = {"sine": (sine, above_sine), "circle": (circle, off)}
+counts = [8, 16, 32, 64]
+orders = {}
+fig, panels = plotting.stacked(2, height=3)
+for ax, (shape, (states, distance)) in zip(panels, tests.items()):
+    for name, make in makers.items():
+        errors = []
+        for N in counts:
+            t = torch.linspace(0.3 * N, 0.7 * N, 12 * N + 1)  # away from the ends
+            errors.append(distance(make(states(N))(t)).max())
+        orders[shape, name] = (errors[-2] / errors[-1]).log2()
+        color, style = looks[name]
+        label = f"{name}: order {orders[shape, name]:.1f}"
+        ax.loglog(counts, errors, "o" + style, color=color, ms=5, label=label)
+    ax.set(title=f"on a {shape}", xlabel="pieces", ylabel="largest error (m)")
+    ax.set_xticks(counts, counts, minor=False)
+    ax.minorticks_off()
+    ax.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+plotting.show(
+    fig,
+    "The errors of four splines against the number of pieces, on a sine and on a "
+    "circle, with logarithmic axes. They are straight lines; chspline and path fall "
+    "more steeply on the circle.",
+)
+
+# %% tags=["answer", "claims"]
+expected = {"chspline": (3, 4), "natural": (4, 4), "B-spline": (2, 2), "path": (4, 6)}
+for name, powers in expected.items():
+    short = name.lower().replace("-", "")
+    for shape, power in zip(tests, powers):
+        claim(f"order_{short}_{shape}", orders[shape, name], equals=power, within=0.2)
+
+# %% [markdown] tags=["answer"]
+# They are not. On the sine chspline has order {claim}`order_chspline_sine`, natural
+# {claim}`order_natural_sine`, the B-spline {claim}`order_bspline_sine` (it never reaches its
+# points), and path {claim}`order_path_sine`. These are the orders on smooth curves in general. On
+# the circle they are {claim}`order_chspline_circle`, {claim}`order_natural_circle`,
+# {claim}`order_bspline_circle` and {claim}`order_path_circle`. The circle makes a gift to two of
+# them, because it is symmetric about every point and about the middle of every piece:
 #
-# A maximum has a poor gradient: only one place feels it. A high power of $\kappa$, averaged, is
-# nearly the same, and smooth. And mind the knots, where the curvature jumps: look at *both* ends of
-# a piece.
-
-
-# %%
-def bends(p):
-    pieces = splines.hermite(p).spread()  # many u for each piece, 0 and 1 included
-    u = torch.linspace(0, 1, 11)
-    return splines.curvature(pieces.local(u, 1), pieces.local(u, 2)).abs()
-
-
-def moved(z):  # by less than 0.1 m, whatever z is
-    return P + 0.1 * z / (1 + z.square().sum(-1, keepdim=True)).sqrt()
-
-
-def rough():
-    total = (bends(moved(z)) ** 16).mean() ** (1 / 16)
-    (z.grad,) = torch.autograd.grad(total, z)
-    return total.detach()
-
-
-z = torch.zeros(17, 2, requires_grad=True)
-torch.optim.LBFGS([z], max_iter=100, line_search_fn="strong_wolfe").step(rough)
-claim("gentler", bends(moved(z.detach())).max(), below=1.8, unit="1/m")
-
-# %% [markdown]
-# The largest curvature falls to {claim}`gentler`, and the car can drive it. We needed no formula
-# for good waypoints, only that every line from the waypoints to the curvature can be
-# differentiated.
-
-# %% [markdown]
-# ## On the robot
+# - *chspline.* By Taylor, $\frac12 (p_{i+1} - p_{i-1})$ is $h p' + \frac16 h^3 p'''$ for a step
+#   $h$: the tangent has an error of order 3, in the direction of $p'''$. On a circle $p'''$ is
+#   parallel to $p'$. So this error makes points early or late *along* the circle, and what leads
+#   off it is of order 4. On the sine $p'''$ has another direction.
+# - *path.* On a unit circle $e(u) = |p(u) - \text{centre}|^2 - 1$ is a polynomial of degree 6. It
+#   has double zeros at both ends, where place and direction are right, and a zero in the middle, by
+#   {eq}`eq-6-length`; by symmetry that one is double, too. So $e(u) = |d|^2 u^2 (1 - u)^2
+#   (u - \frac12)^2$, where $|d|^2$ is the leading coefficient. By {eq}`eq-6-hermite` $d$ is of
+#   order 3, like $h^3 p'''$, and its square of order 6.
 #
-# "Follow the plan" with a simulated Go1 in the car's place. It starts 0.3 m off the path; its trot
-# has limits, of which the planner knows. Nothing in this book was tried on a real robot.
-# <!-- given: 0.3 m -->
-
-# %%
-low, trot = torch.tensor([0.0, -1.5]), torch.tensor([1.2, 1.5])  # m/s, rad/s
-limits = {"u_lower": low, "u_upper": trot, "tolerance": 0.15, "steps": 150}
-with go1.connect("sim", start=(0.0, 0.3, -math.pi / 2)) as robot:
-    walk = infinity.drive(mpc, infinity.RealRobot(robot), aim=ahead, **limits)
-claim("dog_finished", walk.finished, equals=True)
-claim("dog_error", off(walk.x).mean(), below=0.04, unit="m")
+# A test on the infinity alone would have told us 4 and 6, and misled everybody whose path is not
+# made of circles.
 
 # %% [markdown]
-# The dog merges, too, and strays {claim}`dog_error` on average, its start included.
+# Two more tests guard the library: derivatives are continuous where they should be, for points and
+# for poses (the rates of the pose B-spline above jump by {claim}`rate_jump`), and gradients agree
+# with differences, through a whole plan with its lengths. You do such tests yourself in the lab.
 
 # %% [markdown]
 # ## Summary
 #
-# - A Hermite piece is two points and two tangents. With central differences it is `chspline`,
-#   within {claim}`chspline_off` of the circles; with headings it is the local plan, within
-#   {claim}`path_off`.
-# - A continuous second derivative, passing the points, locality: cubics have two of them. The
-#   B-spline misses by {claim}`bspline_missed`.
-# - After a shift the plan has merged at waypoint {claim}`plan_merges`, exactly. A car that follows
-#   its plan changes its inputs {claim}`smoother_plan` times less.
-# - The way between poses is a constant twist. Numbers do not know that: they make a quaternion of
-#   length {claim}`shrunk`.
-# - By gradient the waypoints found a curve with a largest curvature of {claim}`gentler`.
+# 1. A Hermite piece is two points and two tangents; with central differences it is the Catmull-Rom
+#    spline, PyPose's `chspline`, within {claim}`chspline_off` of the circles. With the waypoints'
+#    headings it is the local plan, within {claim}`path_off`.
+# 2. Of a continuous second derivative, passing the points and locality, cubics have two: the
+#    natural spline is felt everywhere, and the B-spline misses its points by up to
+#    {claim}`bspline_missed`.
+# 3. After a push the plan has merged at waypoint {claim}`plan_merges`, exactly. At equal lap time a
+#    car that follows its plan stays {claim}`off_plan` from the circles, and one that aims at points
+#    {claim}`off_slow_hops`.
+# 4. Between poses a constant twist leads, by exponential and logarithm; on it, uncertain poses stay
+#    Gaussian, and {claim}`banana_holds` lie where they should, compared with {claim}`ellipse_holds`
+#    in the ellipse of the numbers.
+# 5. The orders are {claim}`order_chspline_sine`, {claim}`order_natural_sine`,
+#    {claim}`order_bspline_sine` and {claim}`order_path_sine` for chspline, natural, B-spline and
+#    path; on a circle the first is {claim}`order_chspline_circle` and the last
+#    {claim}`order_path_circle`.
 #
 # | Fig. 4 (a) | paper | chspline | local plan |
 # |:--|:--|--:|--:|
 # | blue, off the circles | "high degree of alignment" | {claim}`chspline_off` | {claim}`path_off` |
-# | red has merged at waypoint | "eventually" | {claim}`chspline_merges` | {claim}`plan_merges` |
+# | red merges at waypoint | "eventually" | {claim}`chspline_merges` | {claim}`plan_merges` |
 #
-# **What differs from PyPose.** In PyPose 0.9.5 `chspline` takes poses for numbers, `bspline` takes
-# only poses, neither gives derivatives or distances, and intervals such as 1/49 give a sample too
-# many a piece.
+# **What differs from PyPose.** In PyPose 0.9.5 `chspline` interpolates the numbers of poses,
+# `bspline` takes only poses, neither gives derivatives or lengths, and an interval such as 1/49
+# gives a sample too many in each piece, by rounding.
+#
+# **Words of this chapter.** {term}`Spline`, {term}`tangent`, {term}`control polygon`,
+# {term}`Bézier curve`, {term}`cubic Hermite spline`, {term}`Catmull-Rom spline`, {term}`natural
+# cubic spline`, {term}`B-spline`, {term}`curvature`, {term}`order of convergence`, {term}`pose`,
+# {term}`SE(2)`, {term}`twist`, {term}`logarithm (of a pose)`, {term}`adjoint`,
+# {term}`Rodrigues' formula`, {term}`quaternion`.
 #
 # **Further reading.** de Boor {cite}`deboor2001` on splines; Solà, Deray and Atchuthan
-# {cite}`sola2018` on poses, in few pages; Sommer et al. {cite}`sommer2020` on derivatives of
-# splines of poses; the source of `pypose_lite/splines/`.
+# {cite}`sola2018` on poses, in few pages; Long and others {cite}`long2012` on the banana; Sommer
+# and others {cite}`sommer2020` on derivatives of splines of poses.
 #
-# Next: chapter 7 puts filter, spline and controller together.
+# **In [the lab](../exercises/06_splines.py)** you write the Hermite basis, splines through given
+# times, a curve's length, the exponential of a rotation with its small angles, and the logarithm of
+# a pose; find two faults in an interpolation of rotations, measure an order of convergence, move
+# waypoints by gradient until a car can follow them, and smooth a track for the simulated Go1.
+#
+# Next: [chapter 7](07_all_together.py) puts filter, spline and controller together.

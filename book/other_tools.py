@@ -183,7 +183,7 @@ display(other_tools.program("neuromancer_.py"))
 #
 # [PyPose](https://pypose.org) is what this book leads to. Its controller has the same arguments as
 # ours but for the target: its cost pulls towards zero, so the state is measured from the target.
-# "From pypose_lite to PyPose" shows what to watch for.
+# [From pypose_lite to PyPose](to_pypose.py) shows what to watch for.
 
 # %% tags=["hide-input"]
 display(other_tools.program("pypose_.py"))

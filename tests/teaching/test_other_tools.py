@@ -4,6 +4,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+import types
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ import pypose_lite as pp
 from pypose_lite import infinity
 from pypose_lite.teaching import other_tools
 from pypose_lite.teaching.other_tools import __main__ as runner
+from pypose_lite.teaching.other_tools import both as beside
 
 PROGRAMS = runner.HERE / "programs"
 
@@ -74,3 +76,80 @@ def test_a_program_that_fails_is_named_with_its_error(monkeypatch):
 def test_programs_are_shown_as_code():
     text = other_tools.program("casadi_.py").data
     assert text.startswith("```python\n") and "opti.minimize(cost)" in text
+
+
+# --- PyPose beside this library
+
+
+def doubled(pp):
+    return {"name": pp.__name__, "numbers": [2 * torch.ones(2), 1.5]}
+
+
+def broken(pp):
+    raise ValueError("no such thing\nin two lines")
+
+
+@pytest.fixture
+def without_pypose(monkeypatch, tmp_path):
+    monkeypatch.setattr(beside, "installed", lambda: False)
+    monkeypatch.setattr(beside, "RECORD", tmp_path / "pypose.json")
+    return tmp_path / "pypose.json"
+
+
+def entry(example, answer):
+    return {example.__name__: {"text": beside._text(example), "answer": answer}}
+
+
+def test_without_pypose_its_answer_is_the_recorded_one(without_pypose):
+    record = {"version": "0.9.5", "answers": entry(doubled, [1, 2])}
+    without_pypose.write_text(json.dumps(record), encoding="utf-8")
+    answers = beside.both(doubled)
+    assert answers.ours == {"name": "pypose_lite", "numbers": [[2.0, 2.0], 1.5]}
+    assert answers.theirs == [1, 2]
+    assert "recorded with version 0.9.5" in beside.provenance()
+
+
+def test_an_error_is_an_answer(without_pypose):
+    record = {"version": "0.9.5", "answers": entry(broken, 0)}
+    without_pypose.write_text(json.dumps(record), encoding="utf-8")
+    assert beside.both(broken).ours == "ValueError: no such thing"
+
+
+def test_an_answer_to_another_text_is_refused(without_pypose):
+    answers = entry(doubled, [1, 2])
+    answers["doubled"]["text"] = "another"
+    record = {"version": "0.9.5", "answers": answers}
+    without_pypose.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(RuntimeError, match="doubled: .*another text.*make other-tools"):
+        beside.both(doubled)
+
+
+def test_an_answer_that_was_never_recorded_is_refused(without_pypose):
+    with pytest.raises(RuntimeError, match="doubled: .*not recorded.*make other-tools"):
+        beside.both(doubled)
+
+
+def test_the_text_of_an_example_includes_the_functions_that_it_calls():
+    def helper(pp):
+        return 1
+
+    scope = {"helper": helper}
+    one = types.FunctionType(calls_helper.__code__, scope, "calls_helper")
+    scope_two = {"helper": doubled}
+    two = types.FunctionType(calls_helper.__code__, scope_two, "calls_helper")
+    assert beside._text(one) != beside._text(two)
+
+
+def calls_helper(pp):
+    return helper(pp)  # noqa: F821
+
+
+def test_a_recording_is_written_down(monkeypatch, tmp_path):
+    monkeypatch.setattr(beside, "RECORD", tmp_path / "pypose.json")
+    monkeypatch.setattr(beside, "installed", lambda: True)
+    monkeypatch.setitem(sys.modules, "pypose", types.SimpleNamespace(__version__="1", __name__="p"))
+    monkeypatch.setenv(beside.RECORDING, "1")
+    beside.both(doubled)
+    record = json.loads(beside.RECORD.read_text(encoding="utf-8"))
+    assert record["version"] == "1"
+    assert record["answers"]["doubled"]["answer"]["name"] == "p"

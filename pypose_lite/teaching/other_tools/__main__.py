@@ -15,6 +15,8 @@ import sysconfig
 from datetime import date
 from pathlib import Path
 
+from .both import RECORD, RECORDING
+
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 MADE = ROOT / "build" / "other-tools"
@@ -37,6 +39,7 @@ def main() -> None:
     record = {"date": date.today().isoformat(), "machine": machine(), "answers": answers}
     RESULTS.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
     print(f"wrote {RESULTS.relative_to(ROOT)}")
+    record_pypose(environment("tools"))
 
 
 def answer(program: str, python: Path) -> dict:
@@ -54,6 +57,14 @@ def answer(program: str, python: Path) -> dict:
     found = json.loads(done.stdout.strip().splitlines()[-1])
     print(f"{found['tool']:20} u0 = {found['u0']}, {found['ms']:.2f} ms")
     return {"program": program, **found}
+
+
+def record_pypose(python: Path) -> None:
+    """Runs the page "From pypose_lite to PyPose", and so writes down what PyPose answers there."""
+    RECORD.unlink(missing_ok=True)
+    quiet = {"MPLBACKEND": "agg", "PYTHONPATH": str(ROOT), RECORDING: "1"}
+    subprocess.run([python, ROOT / "book" / "to_pypose.py"], env=os.environ | quiet, check=True)
+    print(f"wrote {RECORD.relative_to(ROOT)}")
 
 
 def environment(name: str) -> Path:

@@ -28,9 +28,10 @@
 # - compute with poses: hat, exponential, logarithm and adjoint, in the plane and in space;
 # - measure the order at which a spline converges, and explain the result.
 #
-# You need [chapter 1](01_systems.py) (the car) and [chapter 3](03_mpc.py) (the loop); one section
-# takes up the covariance of [chapter 4](04_ekf.py). Take about 60 minutes. The chapter reproduces
-# Fig. 4 (a) of the paper {cite}`pypose06`. <!-- given: 60 minutes -->
+# You need [chapter 1](01_systems.py) (the car) and [chapter 3](03_mpc.py) (the loop). Take about 60
+# minutes, and 20 more for "Poses in space" and "Uncertain poses", which you may skip at first; the
+# latter takes up the covariance of [chapter 4](04_ekf.py). The chapter reproduces Fig. 4 (a) of the
+# paper {cite}`pypose06`. <!-- given: 60 minutes -->
 
 # %% tags=["setup"]
 import math
@@ -320,10 +321,12 @@ claim("batch", apart.abs().max(), below=1e-12, unit="m")
 #
 # $$ m_{i-1} + 4 m_i + m_{i+1} = 3 (p_{i+1} - p_{i-1}) . $$ (eq-6-natural)
 #
-# That is one equation for each inner point. At both ends we ask for no second derivative at all,
-# $2 m_0 + m_1 = 3 (p_1 - p_0)$ and its mirror image. Together they are a linear system for all
-# tangents, and its solution is the {term}`natural cubic spline`. The name comes from the flexible
-# strip, the spline, that draughtsmen bent around pins: beyond the last pin it is straight.
+# That is one equation for each inner point. (The piece before has $-6 \Delta + 2 m_{i-1} + 4 m_i$
+# at its end, the next one $6 \Delta - 4 m_i - 2 m_{i+1}$ at its start, each with its own $\Delta$.)
+# At both ends we ask for no second derivative at all, $2 m_0 + m_1 = 3 (p_1 - p_0)$ and its mirror
+# image. Together they are a linear system for all tangents, and its solution is the {term}`natural
+# cubic spline`. The name spline comes from the flexible strip that draughtsmen bent around pins;
+# beyond the last pin it is straight.
 
 
 # %%
@@ -680,11 +683,11 @@ claim("far_finishes", far.finished, equals=False)
 # The paper adds that dense waypoints "could decrease the computing cost of MPC and overshoot
 # probability". Overshoot, yes: the farthest point of the lap is {claim}`most_off_plan` off the
 # circles, and {claim}`most_off_hops` in the lap of "It fails". The cost, hardly: a plan takes
-# {claim}`sweeps_plan` sweeps on average instead of {claim}`sweeps_hops`. Sixteen cars pushed aside
-# at the start all arrive, and past the second waypoint none is more than {claim}`later_off` off the
-# circles. Only keep the look-ahead short, so that overshoot stays within the tolerance of a
-# waypoint. With 0.5 m the car passes the first one too far away and turns round for it.
-# <!-- given: 0.5 m -->
+# {claim}`sweeps_plan` sweeps on average instead of {claim}`sweeps_hops`. Of sixteen cars that are
+# pushed aside at the start {claim}`all_arrive` arrive, and past the second waypoint none is more
+# than {claim}`later_off` off the circles. Only keep the look-ahead short, so that overshoot stays
+# within the tolerance of a waypoint: with 0.5 m the car passes the first one too far away, and
+# turns round for it. <!-- given: 0.5 m -->
 
 # %% [markdown]
 # ## Poses: from the hat to the exponential
@@ -714,7 +717,8 @@ claim("far_finishes", far.finished, equals=False)
 # $$ (eq-6-hat)
 #
 # (A rotation by a small angle $\epsilon$ has $\cos \epsilon \approx 1$ and
-# $\sin \epsilon \approx \epsilon$.) So $T(t + dt) = T(t)\, (I + \hat\xi\, dt)$, which means
+# $\sin \epsilon \approx \epsilon$.) So $T(t + dt) = T(t)\, (I + \hat\xi\, dt)$. Subtract $T(t)$,
+# and divide by $dt$:
 #
 # $$ T' = T\, \hat\xi . $$ (eq-6-motion)
 #
@@ -859,19 +863,22 @@ claim("turn_rate_of_way", twist[2] / twist[0], equals=1, within=1e-9)
 # \end{aligned}
 # $$ (eq-6-adjoint)
 #
-# (Multiply out $T \hat\xi\, T^{-1}$ to see the second line.) The order of two motions matters, and
-# the adjoint says what changes when they swap places:
-# $\exp(\eta) \exp(\xi) = \exp(\xi) \exp(\eta')$ with $\eta' = \text{Ad}_{\exp(-\xi)}\, \eta$.
+# (In the series of the exponential all inner $T^{-1} T$ cancel, which leaves
+# $\exp(T \hat\xi\, T^{-1})$. Multiply out: the turn rate is as it was, and the last column is
+# $R v - \omega\, (-p_y, p_x)$.) The order of two motions matters, and the adjoint says what changes
+# when they swap places: $\exp(\eta) \exp(\xi) = \exp(\xi) \exp(\eta')$ with
+# $\eta' = \text{Ad}_{\exp(-\xi)}\, \eta$.
+
 
 # %% [markdown]
 # ## Poses in space
 #
-# In space the same ideas take three numbers more. A rotation has an axis and an angle; their
-# product is the *rotation vector* $\phi$ with three components and length $\theta = |\phi|$. Its
-# hat is the matrix of the cross product, $\hat\phi\, a = \phi \times a$. The third power is the
-# first one again, up to a factor: $\hat\phi^3 = -\theta^2 \hat\phi$. So in the series of
-# $\exp(\hat\phi)$ all powers above 2 become multiples of the first two, whose factors add up to
-# those of sine and cosine. This is {term}`Rodrigues' formula`:
+# In space the same ideas take three numbers more; [an appendix](mathematics.py) goes through them
+# step by step. A rotation has an axis and an angle; their product is the *rotation vector* $\phi$
+# with three components and length $\theta = |\phi|$. Its hat is the matrix of the cross product,
+# $\hat\phi\, a = \phi \times a$. Because $\hat\phi^3 = -\theta^2 \hat\phi$, all higher powers in
+# the series of $\exp(\hat\phi)$ are multiples of the first two, and their factors add up to sine
+# and cosine. This is {term}`Rodrigues' formula`:
 #
 # $$
 # R = I + \frac{\sin\theta}{\theta}\, \hat\phi + \frac{1 - \cos\theta}{\theta^2}\, \hat\phi^2
@@ -884,10 +891,9 @@ claim("turn_rate_of_way", twist[2] / twist[0], equals=1, within=1e-9)
 # $$ (eq-6-quaternion)
 #
 # which takes fewer operations to multiply and is easily brought back to length 1 after rounding.
-# The half angle has a consequence: after a full turn, $\theta = 2\pi$, the rotation is the same
-# and $q$ has changed its sign. *$q$ and $-q$ are the same rotation.* At $\theta = 0$ both formulas
-# are 0/0. There one needs the series, such as $\sin(\theta/2)/\theta \approx 1/2 - \theta^2/48$;
-# you write one in the lab.
+# Because of the half angle, a full turn, $\theta = 2\pi$, changes the sign of $q$ and not the
+# rotation: *$q$ and $-q$ are the same rotation.* At $\theta = 0$ both formulas are 0/0, and one
+# needs their series; you write one in the lab.
 #
 # A pose in space is a place and a quaternion, `pp.SE3`, seven numbers. A twist has six, velocity
 # first. And a spline of poses is {eq}`eq-6-steps`, with twists as steps and products instead of
@@ -1042,11 +1048,11 @@ claim("rank", (values > 1e-12 * values[-1]).sum(), equals=3)
 
 # %% [markdown] tags=["answer"]
 # The ellipse holds {claim}`ellipse_holds`, for the cloud bends around the start and the ellipse
-# cannot. In twists {claim}`banana_holds` lie inside, as they should: the cloud is exactly
-# Gaussian there, and its bent image is known as the *banana distribution* {cite}`long2012`. (The
-# dashed line is the image of the largest section of the ellipsoid.) The rank of $P$ is
-# {claim}`rank`. A filter on poses keeps $\Sigma$, corrects by $T \leftarrow T \exp(K r)$, and has
-# no fourth direction to care about.
+# cannot. In twists {claim}`banana_holds` lie inside, as they should: the cloud is exactly Gaussian
+# there, and its bent image is known as the *banana distribution* {cite}`long2012`. (The dashed
+# line is the image of the largest section of the ellipsoid.) The rank of $P$ is {claim}`rank`. A
+# filter on poses keeps $\Sigma$ and corrects by $T \leftarrow T \exp(K r)$, where $K r$ (gain
+# times residual) is a twist; it has no fourth direction.
 
 # %% [markdown]
 # ## How we know: orders of convergence
@@ -1141,9 +1147,24 @@ for name, powers in expected.items():
 # made of circles.
 
 # %% [markdown]
-# Two more tests guard the library: derivatives are continuous where they should be, for points and
-# for poses (the rates of the pose B-spline above jump by {claim}`rate_jump`), and gradients agree
-# with differences, through a whole plan with its lengths. You do such tests yourself in the lab.
+# Two more tests guard the library. Derivatives are continuous where they should be: the second ones
+# of the pose B-spline above jump by {claim}`rate_jump`. And gradients agree with differences,
+# through a whole local plan with its lengths, up to {claim}`gradient_error`.
+
+# %% tags=["claims"]
+w = waypoints[:4].clone().requires_grad_()
+weights = torch.linspace(-1, 1, 20)[:, None]
+
+
+def weighed(w):
+    return (weights * pp.local_plan(w[0], w, 1)).sum()
+
+
+(slope,) = torch.autograd.grad(weighed(w), w)
+steps = 1e-6 * torch.eye(16).reshape(16, 4, 4)
+differences = [(weighed(w + h) - weighed(w - h)) / 2e-6 for h in steps]
+error = (slope.flatten() - torch.stack(differences)).abs().max() / slope.abs().max()
+claim("gradient_error", error, below=1e-6)
 
 # %% [markdown]
 # ## Summary

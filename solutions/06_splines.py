@@ -305,7 +305,7 @@ check("6.5", se2_log)
 # *15 minutes. Two faults, to be found and mended.*
 #
 # A colleague interpolates rotations, unit quaternions x, y, z, w, at constant turn rate. The
-# function works in his test, two turns about the same axis. On a robot the hand does not arrive,
+# function passed a test with two turns about the same axis. On a robot the hand does not arrive,
 # and sometimes it turns the long way round. The figure shows the angle between the interpolated
 # rotation and the goal.
 
@@ -442,7 +442,7 @@ check("6.7", order)
 # 2 1/m. Through the waypoints of the infinity `chspline` asks for more. But a waypoint counts as
 # reached within 0.1 m, so nobody minds if we *move* each of them a little. Which way? The gradient
 # of the curvature says so. Write `gentle(p)`, which returns points $(N, 2)$, each at most 0.1 m
-# from its own in `p`, through which chspline has a curvature of at most 2 everywhere. `bends` below
+# from its own in `p`, through which chspline has a curvature below 2 everywhere. `bends` below
 # returns the absolute curvature at eleven places of each piece, both ends included.
 # <!-- given: 0.1 m, half a metre, half -->
 
@@ -493,9 +493,10 @@ def gentle(p):
 
 # %% [markdown] tags=["solution"]
 # We needed no formula for good waypoints, only that every line from the waypoints to the curvature
-# can be differentiated. The figure below shows which of them have moved: those beside the crossing
-# and at the ends, where central differences guess a wrong direction. The curvature is evaluated at
-# both ends of each piece, because it jumps there, and the larger of the two values counts.
+# can be differentiated. The figure below shows the moves: all points have moved, since the
+# average counts every bend, and the peaks beside the crossing are gone, where central differences
+# guess a wrong direction. The curvature is evaluated at both ends of each piece, because it jumps
+# there, and the larger of the two values counts.
 
 # %%
 check("6.8", gentle)

@@ -2,7 +2,7 @@
 
 The three steps of a segment are the legs between four neighbouring points, so the second derivative
 is continuous and a point is felt in four segments only; the price is that the curve passes no
-point. The book's chapter on splines derives the table.
+point. Chapter 6 of the book derives the table.
 
 Source: de Boor, "A Practical Guide to Splines", chapter IX; for poses Kim, Kim, Shin, "A general
 construction scheme for unit quaternion curves with simple high order derivatives", SIGGRAPH 1995.

@@ -4,7 +4,7 @@ A Hermite segment is a Bezier curve whose inner control points lie a third of th
 from its ends, so its three steps are a third of the one tangent, the rest, and a third of the
 other. `chspline` is the Catmull-Rom spline: its tangents are those of the parabola through a knot
 and its two neighbours, which for times 0, 1, 2, ... is half of what leads from one neighbour to
-the other. The book's chapter on splines derives all of it.
+the other. Chapter 6 of the book derives all of it.
 
 Source: Catmull, Rom, "A class of local interpolating splines", 1974; for uneven times Barry,
 Goldman, "A recursive evaluation algorithm for a class of Catmull-Rom splines", 1988.

@@ -6,8 +6,8 @@ cubic Hermite segments that leave the car in the car's direction and pass every 
 waypoint's; last, states are taken from the path at equal distances.
 
 A tangent belongs to one place only. So a shift of the car bends the path up to the next waypoint,
-and there it has merged, exactly, into the path of a car without a shift. The book's chapter on
-splines draws both.
+and there it has merged, exactly, into the path of a car without a shift. Chapter 6 of the book
+draws both.
 """
 
 import torch

@@ -27,8 +27,7 @@ def by_a_series_alone(phi):
 
 
 @right("6.4")
-def with_an_autograd_function(phi):
-    """The other sign of all: it is the same rotation, except where w is looked at."""
+def with_two_cases(phi):
     square = (phi * phi).sum(-1, keepdim=True)
     small = square < 1e-6
     theta = torch.sqrt(torch.where(small, torch.ones_like(square), square))

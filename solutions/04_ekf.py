@@ -210,7 +210,8 @@ ax.bar(range(5), late_means)
 ax.axhline(1, color="black", ls="--", label="as it should be")
 ax.set(xlabel="the sensor's delay (steps)", ylabel="mean NIS", yscale="log")
 ax.legend(loc="upper left")
-plotting.show(fig, "The mean NIS is near one without a delay and grows with the delay.")
+alt = "The mean NIS is near one without a delay and grows with the delay."
+plotting.show(fig, alt)
 
 # %% [markdown]
 # Write `find_delay(y, u)`, which returns the delay in steps, for recordings that you have not seen.
@@ -315,7 +316,7 @@ truth, looks, inputs, first_guess = recordings.car_laps(0)
 
 
 def scores(process, sensor):
-    """Returns the mean NIS and the mean NEES of a filter with these standard deviations."""
+    """Returns the mean NIS and the mean NEES of a filter with these noises."""
     f = pp.EKF(car, process**2 * torch.eye(4), sensor**2 * torch.eye(4))
     x = first_guess
     P = 0.05**2 * torch.eye(4).expand(64, 4, 4)
@@ -342,6 +343,7 @@ print("mean NIS and NEES:", scores(process=0.005, sensor=0.163))
 #
 # :::{dropdown} Hint 3
 # Begin with `sensor = 0.12`, and try values of `process` between 0.01 and 0.05.
+# <!-- given: 0.12, 0.01, 0.05 -->
 # :::
 
 # %%
@@ -405,14 +407,12 @@ def learn_noise(y):
             S = P + R
             e = yi - x
             loss = loss + (e**2 / S + S.log()).mean() / 2
-            K = P / S
-            x = x + K * e
-            P = (1 - K) * P + Q
+            x = x + P / S * e
+            P = (1 - P / S) * P + Q
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    process, sensor = log.detach().exp()
-    return process, sensor
+    return log.detach().exp()
     ### END SOLUTION
 
 
@@ -475,8 +475,8 @@ def filter_walk(y, u):
 
 # %% [markdown] tags=["solution"]
 # The dog is not the car of the model: its legs follow a command late, and it starts and ends
-# slowly. The process noise has to make room for that. A moving average of the poses, which knows
-# nothing of the commands, is about as good here and lags behind on faster walks.
+# slowly. The process noise has to make room for that. A moving average of the last poses
+# knows nothing of the commands, lags behind, and hardly helps.
 
 # %%
 check("4.8", filter_walk)
@@ -489,7 +489,8 @@ ax.plot(*seen_x[:, :2].mT, color="black", label="where the dog was")
 ax.plot(*estimates[:, :2].mT, ".-", label="filtered")
 ax.set(xlabel="i (m)", ylabel="j (m)", aspect="equal")
 fig.legend(loc="outside lower center", ncols=3)
-plotting.show(fig, "Scattered crosses around the dog's way, and the filtered way near it.")
+alt = "Scattered crosses around the dog's way, and the filtered way near it."
+plotting.show(fig, alt)
 
 # %%
 progress()

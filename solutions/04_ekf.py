@@ -405,9 +405,8 @@ def learn_noise(y):
         loss = 0
         for yi in y.mT:
             S = P + R
-            e = yi - x
-            loss = loss + (e**2 / S + S.log()).mean() / 2
-            x = x + P / S * e
+            loss = loss + ((yi - x) ** 2 / S + S.log()).mean() / 2
+            x = x + P / S * (yi - x)
             P = (1 - P / S) * P + Q
         optimizer.zero_grad()
         loss.backward()

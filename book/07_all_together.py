@@ -906,6 +906,7 @@ claim("old_price_e2", old_c2[2] / plan_e2, above=0.8, below=1.2)
 # estimation and control; Bar-Shalom, Li and Kirubarajan {cite}`barshalom2001` on the errors of
 # estimators; Law {cite}`law2015`, chapter 11, on common random numbers.
 #
-# **In the lab** you compare two loops and say how many laps that takes, split an error, find the
-# faulty block of a loop from its log, tune a loop at equal lap time, send a gradient once around
-# all of it, walk the simulated Go1, and spend a budget where it pays.
+# **In [the lab](../exercises/07_all_together.py)** you compare two loops and say how many laps that
+# takes, split an error, find the faulty block of a loop from its log, tune a loop at equal lap
+# time, send a gradient once around all of it, walk the simulated Go1, and spend a budget where it
+# pays.

@@ -105,7 +105,7 @@ claim("largest_error", infinity.tracking_error(driven).max(), below=0.1, unit="m
 # | [4 EKF](04_ekf.py) | The car is seen through noise: where is it? |
 # | [5 UKF and PF](05_ukf_pf.py) | What if one bell curve is not enough? |
 # | [6 Curves, poses](06_splines.py), [lab](../exercises/06_splines.py) | How does a car get back? |
-# | [7 All together](07_all_together.py) | What does each part add? |
+# | [7 All together](07_all_together.py), [lab](../exercises/07_all_together.py) | What pays? |
 # | [8 Learning through the loop](08_learning.py) | What can gradients through it find out? |
 # | [9 The Go1](09_go1.py) | Does the same loop walk a robot? |
 #

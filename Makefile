@@ -19,20 +19,21 @@ INSTALLED := .venv/.installed
 export OMP_NUM_THREADS ?= 1
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-LIBRARY := $(shell find pypose_lite -name '*.py' -o -name '*.json')
+LIBRARY := $(shell find pypose_lite -path pypose_lite/teaching/site -prune -o \
+  \( -name '*.py' -o -name '*.json' \) -print)
 SOURCES := $(wildcard book/*.py) $(wildcard solutions/[0-9][0-9]_*.py)
 NOTEBOOKS := $(patsubst %.py,build/executed/%.ipynb,$(SOURCES:book/%=%))
 TODO := build/executed/.todo
 HTML := build/site/_build/html
-BUILD_SITE := python book/site/build.py
+BUILD_SITE := python -m pypose_lite.teaching.site.build
 
 book: site
-	@python book/site/scoreboard.py build/executed
+	@python -m pypose_lite.teaching.site.scoreboard build/executed
 	@printf '\nThe book: file://%s\n' "$(CURDIR)/$(HTML)/index.html"
 
 test: lint site
 	pytest book $(wildcard solutions) -q -n 2 --dist loadfile
-	python book/site/scoreboard.py build/executed build/claims
+	python -m pypose_lite.teaching.site.scoreboard build/executed build/claims
 	pytest tests -q -n 2 --dist loadfile -m "not wall_clock"
 	pytest tests/go1 -q -m wall_clock --reruns 9 --reruns-delay 10 --only-rerun Busy
 
@@ -42,7 +43,7 @@ lint: .venv/.installed
 	mypy
 
 site: chapters build/npm/.complete
-	@python book/site/stage.py build/executed build/book
+	@python -m pypose_lite.teaching.site.stage build/executed build/book
 	@cp -Rp build/npm/static build/npm/extra build/book
 	@$(BUILD_SITE) build/book build/site -W -n --keep-going
 	@cp -Rp build/book-notebooks/. $(HTML)/_sources/
@@ -52,27 +53,27 @@ site: chapters build/npm/.complete
 chapters: .venv/.installed
 	@rm -f $(filter-out $(NOTEBOOKS),$(wildcard build/executed/*.ipynb build/executed/*/*.ipynb))
 	@mkdir -p build/executed
-	@$(MAKE) -n INSTALLED= $(NOTEBOOKS) | sed -n 's/.*execute\.py [^ ]* \([^ ]*\).*/\1/p' > $(TODO)
+	@$(MAKE) -n INSTALLED= $(NOTEBOOKS) | sed -n 's/.*site\.execute [^ ]* \([^ ]*\).*/\1/p' > $(TODO)
 	@$(MAKE) -s -j2 INSTALLED= $(NOTEBOOKS)
 	@rm -f $(TODO)
 
-build/executed/%.ipynb: book/%.py book/site/execute.py $(LIBRARY) $(INSTALLED)
-	@python book/site/execute.py $< $@ $(wildcard $(TODO))
+build/executed/%.ipynb: book/%.py pypose_lite/teaching/site/execute.py $(LIBRARY) $(INSTALLED)
+	@python -m pypose_lite.teaching.site.execute $< $@ $(wildcard $(TODO))
 
-build/executed/solutions/%.ipynb: solutions/%.py book/site/execute.py $(LIBRARY) $(INSTALLED)
-	@python book/site/execute.py $< $@ $(wildcard $(TODO))
+build/executed/solutions/%.ipynb: solutions/%.py pypose_lite/teaching/site/execute.py $(LIBRARY) $(INSTALLED)
+	@python -m pypose_lite.teaching.site.execute $< $@ $(wildcard $(TODO))
 
-build/npm/.complete: book/site/assets.sh .venv/.installed
-	@$< build/npm && touch $@
+build/npm/.complete: .venv/.installed
+	@python -m pypose_lite.teaching.site.assets build/npm
 
 .venv/.installed: pyproject.toml constraints.txt requirements-vendor.txt .ci/install
 	@.ci/install $(PYTHON)
 
 exercises: .venv/.installed
-	@python book/site/make_exercises.py solutions exercises
+	@python -m pypose_lite.teaching.site.exercises solutions exercises
 
 page: $(filter build/executed/$(CHAPTER).ipynb,$(NOTEBOOKS)) build/npm/.complete
-	@python book/site/stage.py build/executed build/page $(CHAPTER)
+	@python -m pypose_lite.teaching.site.stage build/executed build/page $(CHAPTER)
 	@cp -Rp build/npm/static build/npm/extra build/page
 	@$(BUILD_SITE) build/page build/page
 	@cp -Rp build/page-notebooks/. build/page/_build/html/_sources/
@@ -82,11 +83,11 @@ picture: build/executed/index.ipynb
 	python book/site/picture.py $< book/infinity.gif
 
 lab: .venv/.installed
-	@python book/site/lab.py stage build/executed lab
-	@python book/site/lab.py start lab
+	@python -m pypose_lite.teaching.site.lab stage build/executed lab
+	@python -m pypose_lite.teaching.site.lab start lab
 
 reset: .venv/.installed
-	@python book/site/lab.py reset build/executed lab $(EXERCISE)
+	@python -m pypose_lite.teaching.site.lab reset build/executed lab $(EXERCISE)
 
 bench: .venv/.installed-bench
 	@mkdir -p build

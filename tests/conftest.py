@@ -1,7 +1,14 @@
 """Fixtures that the tests of the core share."""
 
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 import torch
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture
@@ -17,3 +24,19 @@ def float64():
 def g():
     """A seeded generator: every test draws the same numbers, whatever ran before it."""
     return torch.Generator().manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory):
+    """The wheel, built from a copy of what is in the repository."""
+    source = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "pypose_lite", source / "pypose_lite", ignore=ignore)
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "-w", str(source)]
+    command = [sys.executable, "-m", "pip", "wheel", *options, str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    [wheel] = source.glob("*.whl")
+    return wheel

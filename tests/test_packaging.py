@@ -1,7 +1,6 @@
 """The package installs anywhere, brings what it should, and needs little."""
 
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -41,20 +40,6 @@ def run(*command, **options):
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, **options)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The wheel, built from a copy of what is in the repository."""
-    source = tmp_path_factory.mktemp("source")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    ignore = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "pypose_lite", source / "pypose_lite", ignore=ignore)
-    options = ["--no-deps", "--no-build-isolation", "--no-index", "-w", str(source)]
-    run(sys.executable, "-m", "pip", "wheel", *options, str(source))
-    [wheel] = source.glob("*.whl")
-    return wheel
 
 
 def test_the_version_stands_in_one_place(wheel):

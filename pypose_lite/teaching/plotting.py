@@ -1,19 +1,15 @@
 """The book's pictures of the plane: every function takes an ``ax`` and returns what it drew.
 
-States are rows ``[i, j, cos, sin]``: the position in metres, then the heading. The colours are
-those of Okabe and Ito, which colour-blind readers can tell apart, and the shapes differ as well.
+States are rows ``[i, j, cos, sin]``: the position in metres, then the heading. Colours, style and
+``show`` are those of ``figures``; the shapes differ as well as the colours.
 """
 
 import math
 from functools import partial
-from typing import Any
 
-import matplotlib.pyplot as plt
 import torch
-from IPython.display import display
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.quiver import Quiver
@@ -21,60 +17,12 @@ from torch import Tensor
 
 from .. import infinity
 from ..shapes import check
-from .pictures import Picture, png
+from .figures import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, show, stacked, use_style
 
-BLUE, RED, ORANGE = "#0072B2", "#D55E00", "#E69F00"
-GREEN, PURPLE, SKY, GREY = "#009E73", "#CC79A7", "#56B4E9", "#666666"
-
-
-def use_style() -> None:
-    """Sets fonts, sizes and the order of colours for all figures of a chapter, 7 inches wide."""
-    plt.rcParams.update(
-        {
-            "figure.figsize": (7, 4),
-            "figure.dpi": 120,
-            "figure.constrained_layout.use": True,
-            "font.size": 10,
-            "legend.fontsize": 9,
-            "xtick.labelsize": 9,
-            "ytick.labelsize": 9,
-            "axes.grid": True,
-            "grid.alpha": 0.3,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "legend.frameon": False,
-            "axes.prop_cycle": plt.cycler(color=[BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY]),
-        }
-    )
-
-
-def show(fig: Figure, alt: str) -> None:
-    """Shows a figure, and closes it.
-
-    Args:
-        fig: it is the last that the cell does with it.
-        alt: what a reader who cannot see it should know, in a sentence: what is drawn, and what
-            is to be seen in it. Numbers belong into the text, where claims fill them in.
-
-    Raises:
-        ValueError: there is no alternative text.
-    """
-    if not alt.strip():
-        raise ValueError("alt: expected a sentence that says what the figure shows, got nothing")
-    display(Picture(png(fig), alt))
-
-
-def stacked(panels: int = 2, height: float = 2.6, **options: Any) -> tuple[Figure, Any]:
-    """Returns a figure with panels one above the other, each as wide as the page.
-
-    Side by side, panels are half as wide, and too small to read on a phone.
-
-    Args:
-        panels: how many.
-        height: of each, in inches.
-        options: of ``plt.subplots``, ``sharex=True`` and the like.
-    """
-    return plt.subplots(panels, 1, figsize=(7, panels * height), **options)
+__all__ = ["use_style", "show", "stacked"]
+__all__ += ["infinity_axes", "plot_course", "plot_waypoints", "plot_states", "plot_reference"]
+__all__ += ["plot_heading", "plot_covariance"]
+__all__ += ["BLUE", "RED", "ORANGE", "GREEN", "PURPLE", "SKY", "GREY"]
 
 
 def infinity_axes(ax: Axes, title: str = "", margin: float = 0.4) -> Axes:

@@ -25,7 +25,7 @@ def run_book(tmp_path_factory):
         root = tmp_path_factory.mktemp("root")
         for folder in ("book", "solutions"):
             (root / folder).mkdir()
-        for name in ("conftest.py", "pyproject.toml"):
+        for name in ("pyproject.toml",):
             shutil.copy(ROOT / name, root)
         for name, cells in chapters.items():
             (root / "book" / name).write_text(HEADER + cells)

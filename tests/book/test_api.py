@@ -3,14 +3,13 @@
 from inspect import getsourcelines
 from types import ModuleType
 
-import api
-import docstrings
 import pytest
-from citations import Labels
-from plain import _entries
 
 from pypose_lite.control import riccati
 from pypose_lite.infinity import Run
+from pypose_lite.teaching.site import api, docstrings
+from pypose_lite.teaching.site.citations import Labels
+from pypose_lite.teaching.site.plain import _entries
 
 
 def test_every_room_has_a_page_that_begins_with_its_names():

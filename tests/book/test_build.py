@@ -3,16 +3,13 @@
 import subprocess
 import sys
 
-import docstrings
-import execute
 import nbformat
 import pytest
-import scoreboard
-import stage
 from nbclient.exceptions import CellExecutionError
 from small_books import CLAIM, ERROR, HEADER, PROSE
 
 from pypose_lite.teaching.claims import Claim
+from pypose_lite.teaching.site import docstrings, execute, scoreboard, stage
 
 CAR = Claim("error", 0.0543, "below 0.058 m", "m", 0.1803, cell=3)
 STEPS = Claim("steps", 48, "below 60", cell=4)
@@ -53,7 +50,7 @@ def test_a_chapter_that_does_not_hold_leaves_no_notebook(chapter, tmp_path, cell
 
 
 def test_a_chapter_that_does_not_hold_ends_the_build_without_a_traceback(chapter, tmp_path):
-    command = [sys.executable, execute.__file__, chapter(PROSE), tmp_path / "out.ipynb"]
+    command = [sys.executable, "-m", execute.__name__, chapter(PROSE), tmp_path / "out.ipynb"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 1
     assert "x.py: does not pass its proofreading:" in done.stderr

@@ -3,15 +3,13 @@
 import subprocess
 from pathlib import Path
 
-import api
-import contents
 import jupytext
 import pytest
-import scoreboard
-from pages import notebooks, texts
 from small_books import CLAIM, ERROR, FIGURE, PROSE
 
 from pypose_lite.teaching.proofread import OLD_FORM, shared_headings
+from pypose_lite.teaching.site import api, contents, scoreboard
+from pypose_lite.teaching.site.pages import notebooks, texts
 
 ROOT = Path(__file__).parents[2]
 CHAPTERS = sorted((ROOT / "book").glob("*.py"))

@@ -1,12 +1,12 @@
 """Tags become folds: for the page builder, and in the metadata that JupyterLab reads."""
 
-import folds
 import jupytext
 import nbformat
 import pytest
 from small_books import LESSON
 
 from pypose_lite.teaching.pictures import Picture
+from pypose_lite.teaching.site import folds
 
 
 def claimed(name):

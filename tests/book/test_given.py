@@ -2,7 +2,8 @@
 
 import nbformat
 import pytest
-from given import with_given_outputs
+
+from pypose_lite.teaching.site.given import with_given_outputs
 
 new = nbformat.v4
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import jupytext
-import lab as readers
 import pytest
-from plain import Plain
 from small_books import LESSON
-from stage import for_download
 
 from pypose_lite.teaching.proofread import OLD_FORM
+from pypose_lite.teaching.site import lab as readers
+from pypose_lite.teaching.site.plain import Plain
+from pypose_lite.teaching.site.stage import for_download
 
 ROOT = Path(__file__).parents[2]
 LESSONS = [path.stem for path in sorted((ROOT / "book").glob("0*.py")) if path.stem not in OLD_FORM]

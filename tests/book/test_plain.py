@@ -1,8 +1,9 @@
 """The book's Markdown without roles and directives, for readers without an extension."""
 
 import pytest
-from pages import on_site
-from plain import Plain, RawText, equation_numbers
+
+from pypose_lite.teaching.site.pages import on_site
+from pypose_lite.teaching.site.plain import Plain, RawText, equation_numbers
 
 NUMBERS = {"error": "0.05 m", "04_ekf.error": "0.06 m"}
 EQUATIONS = {"eq-3-cost": "3.1"}

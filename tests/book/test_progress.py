@@ -3,10 +3,9 @@
 import os
 import time
 
-import execute
 import pytest
 
-import build
+from pypose_lite.teaching.site import build, execute
 
 
 def test_left_are_the_notebooks_that_this_run_has_not_made_yet(tmp_path):

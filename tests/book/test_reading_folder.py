@@ -2,9 +2,10 @@
 
 import json
 
-import lab
 import nbformat
 import pytest
+
+from pypose_lite.teaching.site import lab
 
 new = nbformat.v4
 

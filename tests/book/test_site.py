@@ -7,15 +7,15 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-import contents
 import jupytext
 import nbformat
 import pytest
 from bs4 import BeautifulSoup
-from pages import notebooks
-from stage import all_equations
 
 from pypose_lite.teaching.proofread import OLD_FORM
+from pypose_lite.teaching.site import contents
+from pypose_lite.teaching.site.pages import notebooks
+from pypose_lite.teaching.site.stage import all_equations
 
 ROOT = Path(__file__).parents[2]
 HTML = ROOT / "build" / "site" / "_build" / "html"

@@ -1,7 +1,8 @@
 """The page of benchmarks as it is shown: plots from its tables, and tables folded."""
 
 import pytest
-import speed
+
+from pypose_lite.teaching.site import speed
 
 PAGE = """# Speed
 

@@ -4,12 +4,12 @@ import re
 from pathlib import Path
 
 import jupytext
-import make_exercises as tool
 import pytest
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
 from pypose_lite.teaching.checks import chapter, verdicts_in
+from pypose_lite.teaching.site import exercises as tool
 
 ROOT = Path(__file__).parents[2]
 SOLUTIONS, EXERCISES = ROOT / "solutions", ROOT / "exercises"

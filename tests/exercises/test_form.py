@@ -5,8 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import make_exercises as tool
 import pytest
+
+from pypose_lite.teaching.site import exercises as tool
 
 ROOT = Path(__file__).parents[2]
 LAB = (ROOT / "solutions" / "02_lqr.py").read_text("utf-8")
@@ -53,8 +54,7 @@ def test_an_exercise_that_only_the_checks_know_is_named():
 
 def command(folder):
     """Runs the command on the solutions in a folder."""
-    script = ROOT / "book" / "site" / "make_exercises.py"
-    run = [sys.executable, str(script), "solutions", "exercises"]
+    run = [sys.executable, "-m", tool.__name__, "solutions", "exercises"]
     return subprocess.run(run, cwd=folder, capture_output=True, text=True, timeout=120)
 
 

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import pytest
 import torch
 
-from pypose_lite.teaching import plotting
+from pypose_lite.teaching import figures, plotting
 
 ANGLES = torch.linspace(0, 2 * math.pi, 9)
 CIRCLE = torch.stack([ANGLES.cos(), ANGLES.sin(), -ANGLES.sin(), ANGLES.cos()], dim=-1)
@@ -17,7 +17,7 @@ CIRCLE = torch.stack([ANGLES.cos(), ANGLES.sin(), -ANGLES.sin(), ANGLES.cos()], 
 
 def test_a_figure_is_shown_with_its_alternative_text_and_closed(monkeypatch):
     shown = []
-    monkeypatch.setattr(plotting, "display", shown.append)
+    monkeypatch.setattr(figures, "display", shown.append)
     figure, ax = plt.subplots(figsize=(2, 1))
     plotting.show(figure, 'A line that says "no".\n  It falls.')
     [picture] = shown

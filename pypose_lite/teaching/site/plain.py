@@ -8,12 +8,13 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
-from pages import linked
 from pybtex.database import parse_file
 
-BIBLIOGRAPHY = Path(__file__).parent.parent / "references.bib"
+from .pages import BOOK, linked
+
+BIBLIOGRAPHY = BOOK / "references.bib"
 LITERAL = re.compile(r"(```.*?```|``.+?``|<pre.*?</pre>)", re.DOTALL)
 ROLE = re.compile(r"\{([\w:-]+)\}`([^`]+)`")
 EQUATION = re.compile(r"\$\$(.+?)\$\$[ \t]*\(([\w-]+)\)", re.DOTALL)
@@ -122,6 +123,8 @@ def citation(keys: str, kind: str) -> str:
 
 @cache
 def _entries() -> dict:
+    if not BIBLIOGRAPHY.exists():
+        raise RawText(f"a page cites, and there is no {BIBLIOGRAPHY}")
     return parse_file(str(BIBLIOGRAPHY), bib_format="bibtex").entries
 
 

@@ -1,4 +1,6 @@
-"""Makes exercises from solutions: ``python book/site/make_exercises.py solutions exercises``.
+"""Makes exercises from solutions.
+
+``python -m pypose_lite.teaching.site.exercises solutions exercises``
 
 What stands between ``### BEGIN SOLUTION`` and ``### END SOLUTION`` becomes a NotImplementedError
 with the exercise's number, and cells with the tag ``solution`` are left out. Writes nothing, and
@@ -14,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pypose_lite.teaching.checks import chapter
+from ..checks import chapter
 
 BEGIN, END = "### BEGIN SOLUTION", "### END SOLUTION"
 HEADING = re.compile(r"^# ## Exercise (\d+\.\d+): (.+)$", re.MULTILINE)
@@ -34,6 +36,7 @@ class Cell:
 
     @property
     def header(self) -> str:
+        """The line that begins the cell."""
         return self.text.split("\n", 1)[0]
 
     @property

@@ -1,4 +1,6 @@
-"""Makes the pages ready for Sphinx: ``python book/site/stage.py build/executed build/book [PAGE]``.
+"""Makes the pages ready for Sphinx.
+
+``python -m pypose_lite.teaching.site.stage build/executed build/book [PAGE]``
 
 Notebooks come from the folder where they were executed, other pages from ``book/``. Numbers are
 filled in for ``{claim}`name``` (of the same page) and ``{claim}`03_mpc.name``` (of another), the
@@ -11,19 +13,17 @@ import sys
 from fnmatch import fnmatch
 from pathlib import Path
 
-import api
-import contents
-import folds
 import jupytext
 import nbformat
-import speed
-from given import with_given_outputs
-from pages import ROOT, linked, notebooks, on_site, texts
-from plain import Plain, equation_numbers
-from scoreboard import gather, page_of
 
-from pypose_lite.teaching.proofread import REFERENCE
+from ..proofread import REFERENCE
+from . import api, config, contents, folds
+from .given import with_given_outputs
+from .pages import BOOK, ROOT, linked, notebooks, on_site, texts
+from .plain import Plain, equation_numbers
+from .scoreboard import gather, page_of
 
+STATIC = Path(__file__).parent / "static"
 UNKNOWN = "…"  # a number of a chapter that has not been run
 
 
@@ -65,18 +65,26 @@ def stage(executed: Path, target: Path, only: str = "*") -> None:
         if fnmatch(page, only) or page in contents.BESIDE:
             text = linked(Numbers(page, claims, strict).fill(path.read_text()), page, on_site)
             if page == "benchmarks":
+                from . import speed  # draws, from the page's tables
+
                 text, pictures = speed.laid_out(text)
                 pages |= pictures
             pages[f"{page}.md"] = with_lists(text, claims)
-    for page in api.pages():
-        if fnmatch(page, only):
-            pages[f"{page}.md"] = api.page(page)
-    for path in [*(ROOT / "book").glob("*.bib"), *ROOT.glob("_config.yml")]:
-        pages[path.name] = path.read_text()
-    pages["_toc.yml"] = contents.of(only)
+    pages |= made(only)
     put(pages, target)
     put(plain, target.with_name(f"{target.name}-notebooks"))
-    shutil.copytree(ROOT / "book" / "site" / "static", target / "static", dirs_exist_ok=True)
+    for folder in (STATIC, ROOT / "static"):  # an author's own files come last
+        if folder.is_dir():
+            shutil.copytree(folder, target / "static", dirs_exist_ok=True)
+
+
+def made(only: str = "*") -> dict[str, str]:
+    """The files that nobody writes: settings, contents, bibliography, the pages of the library."""
+    toc = contents.of(only)
+    pages = {f"{page}.md": text for page, text in contents.made().items()}
+    pages |= {f"{page}.md": api.page(page) for page in api.pages() if f"file: {page}\n" in toc}
+    pages |= {path.name: path.read_text(encoding="utf-8") for path in BOOK.glob("*.bib")}
+    return pages | {"_config.yml": config.merged(), "_toc.yml": toc}
 
 
 def with_lists(text: str, claims: dict) -> str:
@@ -124,7 +132,7 @@ def notebook_place(page: str) -> str:
 
 def all_equations() -> dict[str, str]:
     """The number of every labelled equation of the book."""
-    found = {}
+    found: dict[str, str] = {}
     for page, path in notebooks().items():
         cells = jupytext.read(path).cells
         text = "\n\n".join(cell.source for cell in cells if cell.cell_type == "markdown")

@@ -9,9 +9,9 @@ from itertools import groupby
 from typing import Any
 
 import nbformat
-from scoreboard import anchor
 
-from pypose_lite.teaching.claims import claims_in
+from ..claims import claims_in
+from .scoreboard import anchor
 
 BUTTON = "Open the answer"
 OPENED = f'<details class="answer"><summary>{BUTTON}</summary>'  # a cell of its own, as is its end

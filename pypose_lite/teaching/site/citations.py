@@ -4,13 +4,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from string import ascii_lowercase
 
-from plain import authors_and_year
 from pybtex.plugin import register_plugin
 from pybtex.style.formatting.unsrt import Style as Unsorted
 from pybtex.style.labels import BaseLabelStyle
 from sphinxcontrib.bibtex.plugin import register_plugin as register_sphinx_plugin
 from sphinxcontrib.bibtex.style.referencing import BracketStyle
 from sphinxcontrib.bibtex.style.referencing.author_year import AuthorYearReferenceStyle
+
+from .plain import authors_and_year
 
 
 def round_brackets() -> BracketStyle:

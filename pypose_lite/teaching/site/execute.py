@@ -1,7 +1,9 @@
-"""Runs one chapter from a fresh kernel: ``python book/site/execute.py book/03_mpc.py out.ipynb``.
+"""Runs one chapter from a fresh kernel.
+
+``python -m pypose_lite.teaching.site.execute book/03_mpc.py out.ipynb [LIST]``
 
 Ends with an error, and writes nothing, where a cell fails, a claim does not hold, or the chapter
-does not pass its proofreading. A third argument names the list of all notebooks to be made in this
+does not pass its proofreading. LIST is a file with the list of all notebooks to be made in this
 run, a line each; then each chapter says when it begins and ends, and how many are left.
 """
 
@@ -14,8 +16,8 @@ import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
-from pypose_lite.teaching.claims import claims_in
-from pypose_lite.teaching.proofread import complaints
+from ..claims import claims_in
+from ..proofread import complaints
 
 CELL_SECONDS = 120
 

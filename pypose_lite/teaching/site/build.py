@@ -1,4 +1,6 @@
-"""Builds the site and says where it is: ``python book/site/build.py SOURCES TARGET [OPTIONS]``.
+"""Builds the site from pages that were made ready for it.
+
+``python -m pypose_lite.teaching.site.build SOURCES TARGET [OPTIONS]``
 
 The options are those of jupyter-book. Its own output is shown only where it is a warning.
 """
@@ -10,7 +12,7 @@ import time
 from pathlib import Path
 
 STEP = re.compile(r"(reading sources|writing output)\.\.\. \[\s*(\d+)%\] (\S+)")
-QUIET = re.compile(r"^(\S+\.\.\.|\[|=|Running|Source|Output|loading|building|updating|looking)")
+JUPYTER_BOOK = [sys.executable, "-c", "from jupyter_book.cli.main import main; main()"]
 
 
 def build(source: Path, target: Path, options: list[str]) -> int:
@@ -18,7 +20,7 @@ def build(source: Path, target: Path, options: list[str]) -> int:
     files = (path for path in source.rglob("*") if "_build" not in path.parts)
     pages = sum(path.suffix in (".ipynb", ".md") for path in files)
     print(f"Building {pages} pages", flush=True)
-    command = ["jupyter-book", "build", str(source), "--path-output", str(target), *options]
+    command = [*JUPYTER_BOOK, "build", str(source), "--path-output", str(target), *options]
     start = time.monotonic()
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1

@@ -9,7 +9,7 @@ import re
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from pypose_lite.teaching import plotting
+from .. import figures
 
 GROUP = re.compile(r"^### (.+)\n\n((?:\|.*\n?)+)", re.MULTILINE)
 SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
@@ -67,7 +67,7 @@ def drawn(groups: dict[str, Rows], labels: tuple, panels: list) -> str:
     if not found:
         return ""
     with plt.rc_context({"svg.hashsalt": "speed"}):
-        plotting.use_style()
+        figures.use_style()
         size = (5, 2.4 * len(found) + 0.6)  # inches; narrow, so that a phone shows it
         fig, axes = plt.subplots(len(found), 1, figsize=size, sharex=True, squeeze=False)
         for ax, (title, sides) in zip(axes.flat, found):

@@ -1,7 +1,7 @@
 """Gathers the claims of executed chapters; prints them, or says which numbers did not repeat.
 
-``python book/site/scoreboard.py EXECUTED`` prints the scoreboard of a folder of notebooks, and
-``python book/site/scoreboard.py EXECUTED RECORDS`` compares it with the records of another run.
+``python -m pypose_lite.teaching.site.scoreboard EXECUTED [RECORDS]`` prints the scoreboard of a
+folder of notebooks, or compares it with the records of another run.
 """
 
 import json
@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import nbformat
-from pages import notebooks
 
-from pypose_lite.teaching.claims import Claim, claims_in
+from ..claims import Claim, claims_in
+from .pages import notebooks
 
 COLUMNS = ["chapter", "claim", "paper", "ours", "bound", "cell"]
 Claims = dict[tuple[str, str], Claim]  # by chapter and name

@@ -7,7 +7,7 @@ cells are the same.
 import ast
 from typing import Any
 
-from pypose_lite.teaching.proofread.code import defined, parsed
+from ..proofread.code import defined, parsed
 
 
 def with_given_outputs(exercise: Any, solution: Any) -> Any:

@@ -1,9 +1,9 @@
 """The folder in which readers work, in JupyterLab: lessons, exercises, solutions as notebooks.
 
-``python book/site/lab.py stage EXECUTED LAB`` makes it, or brings it up to date. A notebook that
-its reader has changed is left alone. ``lab.py reset LAB 03_mpc`` puts an exercise (or another
-notebook, by its path in the folder) back, and keeps the reader's version beside it.
-``lab.py start LAB`` opens JupyterLab in it.
+``python -m pypose_lite.teaching.site.lab stage EXECUTED LAB`` makes it, or brings it up to
+date. A notebook that its reader has changed is left alone. ``... reset EXECUTED LAB 03_mpc`` puts
+an exercise (or another notebook, by its path in the folder) back, and keeps the reader's version
+beside it. ``... start LAB`` opens JupyterLab in it.
 """
 
 import hashlib
@@ -15,10 +15,11 @@ from pathlib import Path
 import jupytext
 import nbformat
 from nbformat.sign import NotebookNotary
-from pages import ROOT, notebooks
-from plain import Plain
-from scoreboard import gather
-from stage import Numbers, all_equations, for_download, read
+
+from .pages import ROOT, notebooks
+from .plain import Plain
+from .scoreboard import gather
+from .stage import Numbers, all_equations, for_download, read
 
 FOLDERS = {"": "1_lessons", "exercises": "2_exercises", "solutions": "3_solutions"}
 START = "start_here"

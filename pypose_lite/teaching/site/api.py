@@ -20,9 +20,9 @@ ROOMS = {  # page: its title, and the modules that it shows
     "tools": ("Small tools", ["linalg", "shapes", "module", "utils"]),
     "teaching": (
         "Teaching",
-        ["teaching.claims", "teaching.checks", "teaching.proofread", "teaching.plotting"]
-        + ["teaching.sketches", "teaching.pictures", "teaching.tables", "teaching.widgets"]
-        + ["teaching.animation", "teaching.dog"],
+        ["teaching.claims", "teaching.checks", "teaching.proofread", "teaching.figures"]
+        + ["teaching.plotting", "teaching.sketches", "teaching.pictures", "teaching.tables"]
+        + ["teaching.widgets", "teaching.animation", "teaching.dog", "teaching.site"],
     ),
 }
 LIST = "<!-- modules -->"

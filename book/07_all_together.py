@@ -789,6 +789,71 @@ claim("overshoot", overshoot, below=0.7)
 # plan itself takes time, too.) And the car is that far away {claim}`overshoot` times as often.
 
 # %% [markdown]
+# ### How far ahead, and how often?
+#
+# (You may skip this part.) Our plan reaches as far as the MPC looks, and is made anew in each step.
+# Here are two that do less. One ends at the next waypoint. The other one is kept for twelve steps,
+# and the car, which may drive at most at 2 m/s here, meets it at two paces: 2.5 m/s and 1.8 m/s.
+# <!-- given: twelve steps, 2 m, 2.5 m, 1.8 m -->
+
+# %% tags=["hide-input"] mystnb={"markdown_format": "myst"}
+most = torch.tensor([2.0, 4.0])  # m/s and rad/s
+
+
+def to_next_only(x, goal):
+    return pp.local_plan(x, waypoints[goal][..., None, :], 0, spacing=0.25, count=10)
+
+
+def kept_for_twelve(spacing):
+    plans = []
+
+    def aim(x, goal):
+        i = len(plans) % 12
+        new = pp.local_plan(x, waypoints, goal, spacing, count=22)
+        plans.append(plans[-1] if i else new)
+        return plans[-1][..., i : i + 10, :]
+
+    return aim
+
+
+def limited(spacing):
+    generator = torch.Generator().manual_seed(0)
+    start = waypoints[0].expand(32, 4)
+    noise = infinity.PROCESS_NOISE, sensor_noise
+    world = infinity.SimulatedCar(car, start, *noise, generator)
+    aim = kept_for_twelve(spacing)
+    how = {"u_lower": -4.0, "u_upper": most, "steps": 30}
+    return infinity.drive(controller(0.001), world, ekf, aim, 0.2, **how)
+
+
+tried = {"the chapter's plan": along_plan}
+tried["to the next waypoint"] = drive(to_next_only, 0.001)
+tried["kept, at 2.5 m/s"] = limited(0.25)
+tried["kept, at 1.8 m/s"] = limited(0.18)
+figures = {}
+for name, run in tried.items():
+    between = run.u[..., 0].diff(dim=1)[run.running[:, 1:]]
+    figures[name] = distance(run)[run.running].mean(), between.square().mean().sqrt()
+rows = [f"{name} | {a:.3f} | {b:.3f}" for name, (a, b) in figures.items()]
+display(table("plan | distance (m) | speed changes (m/s)", rows))
+
+# %% tags=["claims"]
+ours, next_only, kept_fast, kept_slow = figures.values()
+claim("next_only_distance", next_only[0] / ours[0], above=0.8, below=1.4)
+claim("next_only_speed", next_only[1] / ours[1], above=2)
+claim("kept_fast_distance", kept_fast[0], above=0.08, unit="m")
+claim("kept_slow_distance", kept_slow[0], below=0.06, unit="m")
+
+# %% [markdown]
+# The short plan does not show on the map: its distance is {claim}`next_only_distance` times ours.
+# But the speed changes {claim}`next_only_speed` times as much, since the car slows down whenever
+# the end of the plan comes into the MPC's sight. A plan should reach further than the horizon. The
+# kept plan fails at a pace that the car cannot drive: it runs away, and the car takes a short cut
+# after it ({claim}`kept_fast_distance`). At a pace that it can drive, a plan that is twelve steps
+# old is good enough ({claim}`kept_slow_distance`). These waypoints stand still. Where they move, or
+# something else does, one has to plan more often. <!-- given: twelve steps -->
+
+# %% [markdown]
 # ## How we know: the same noise for both
 #
 # The plan with headings reduces the mean distance by a few millimetres. Single cars differ by more

@@ -1102,4 +1102,7 @@ claim("loop_shortcut", (swept @ way / difference - 1).abs(), above=0.1)
 # {cite}`blondel2022` on implicit differentiation in general; Ljung {cite}`ljung1999`, chapters 7
 # and 10, on identification; Wang and others {cite}`wang2025imperative` on imperative learning.
 #
-# Next: [chapter 9](09_go1.py) takes the loop to the robot.
+# **In [the lab](../exercises/08_learning.py)** you differentiate a minimiser, write a test for
+# gradients, find the place where a gradient was cut, learn a time step from a record and weights
+# from an expert, find out what data cannot say, and learn a filter's noise and a robot's lag. Next:
+# [chapter 9](09_go1.py) takes the loop to the robot.

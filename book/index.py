@@ -106,7 +106,7 @@ claim("largest_error", infinity.tracking_error(driven).max(), below=0.1, unit="m
 # | [5 UKF and PF](05_ukf_pf.py) | What if one bell curve is not enough? |
 # | [6 Curves, poses](06_splines.py), [lab](../exercises/06_splines.py) | How does a car get back? |
 # | [7 All together](07_all_together.py), [lab](../exercises/07_all_together.py) | What pays? |
-# | [8 Learning through the loop](08_learning.py) | What can gradients through it find out? |
+# | [8 Learning](08_learning.py), [lab](../exercises/08_learning.py) | What do gradients find? |
 # | [9 The Go1](09_go1.py) | Does the same loop walk a robot? |
 #
 # [How to read and run this book](how_to_read.md) says how lessons, labs and JupyterLab work. The

@@ -144,7 +144,7 @@ def no_scale(answer, given):
     expect.that(off < 1e-3, "six equal entries", f"{[round(z, 3) for z in d.tolist()]}", hint)
 
 
-noises = Exercise("8.7", "R and Q from innovations", 25, takes="y, u", points=3, seconds=240)
+noises = Exercise("8.7", "R and Q end to end", 20, takes="y, u", points=3, seconds=240)
 
 
 def recorded(given, q, r, cars=16, steps=30):

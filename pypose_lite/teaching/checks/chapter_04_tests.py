@@ -1,5 +1,7 @@
 """What the answers of lab 4 must do, continued: a test, tuned and learned noises, the robot."""
 
+from functools import partial
+
 import torch
 from torch import Tensor
 
@@ -12,7 +14,7 @@ from .recordings import A, B, C, Q, R
 is_kalman_filter = Exercise("4.5", "A test for filters", minutes=20, takes="f", points=2)
 
 
-def kalman(x, P, y, u, Q=Q, R=R, sign=1.0, A_P=A, P_factor=1.0, joseph=False):
+def kalman(x, P, y, u, *, Q=Q, R=R, sign=1.0, A_P=A, P_factor=1.0, joseph=False):
     """The cart's filter, with room for faults."""
     S = C @ P @ C.mT + R
     K = P @ C.mT @ S.inverse()
@@ -52,18 +54,18 @@ def in_one_gain(x, P, y, u):
 
 RIGHT = {
     "computes the covariance in the short form": kalman,
-    "computes it in Joseph's form": lambda *z: kalman(*z, joseph=True),
+    "computes it in Joseph's form": partial(kalman, joseph=True),
     "adds informations": by_information,
     "has one gain for the whole step": in_one_gain,
 }
 WRONG = {
-    "has no Q": lambda *z: kalman(*z, Q=0 * Q),
-    "has the wrong sign in the innovation": lambda *z: kalman(*z, sign=-1.0),
-    "has A transposed in the covariance": lambda *z: kalman(*z, A_P=A.mT),
-    "takes R for twice as large": lambda *z: kalman(*z, R=2 * R),
-    "does not make P smaller by the measurement": lambda *z: kalman(*z, P_factor=0.0),
+    "has no Q": partial(kalman, Q=0 * Q),
+    "has the wrong sign in the innovation": partial(kalman, sign=-1.0),
+    "has A transposed in the covariance": partial(kalman, A_P=A.mT),
+    "takes R for twice as large": partial(kalman, R=2 * R),
+    "does not make P smaller by the measurement": partial(kalman, P_factor=0.0),
     "forgets the input": lambda x, P, y, u: kalman(x, P, y, 0 * u),
-    "does not use the measurement for the mean": lambda *z: kalman(*z, sign=0.0),
+    "does not use the measurement for the mean": partial(kalman, sign=0.0),
     "uses the measurement for the state after the step": predicted_first,
     "compares with the state before the step and corrects the one after it": mixed_times,
 }
@@ -149,10 +151,11 @@ learn_noise = Exercise("4.7", "Learn the noise", minutes=25, takes="y", points=2
 
 
 def learned(answer, seed: int, process: float, sensor: float) -> tuple[float, float]:
-    """What an answer learns from recordings."""
+    """What an answer learns from recordings with these deviations."""
     y = recordings.walks(seed, process, sensor)
     values = pair(answer(y), "the deviation of w", "that of v")
-    return tuple(float(expect.tensor("a standard deviation", v, ())) for v in values)
+    first, second = (float(expect.tensor("a standard deviation", v, ())) for v in values)
+    return first, second
 
 
 def within(came: float, want: float) -> bool:

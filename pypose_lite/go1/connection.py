@@ -4,6 +4,7 @@ Three kinds of robots speak the same packets, so that nothing behind `Robot` kno
 
     "udp://host:port"   a real one, or the simulator's program: a socket, the wall clock, a guardian
     "sim"               a simulated one in this program: a pair of ends in memory, stepped time
+    "sim:legs"          the same with a Go2's body and legs, moved by physics
     "replay:run.csv"    a recorded one: the same, and it does not obey
 
 `connect` puts the parts together (transport, clock, guardian, pilot, log), hands them to a `Robot`,
@@ -16,10 +17,12 @@ import atexit
 import contextlib
 import math
 import os
+import sys
 import threading
 import warnings
 import weakref
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -37,6 +40,7 @@ from .simulator.simulated_robot import SimulatedRobot, Simulation
 from .wire.protocol import COMMAND_SIZE, HIGH_LEVEL
 from .wire.transport import Udp, pair
 
+SIMULATED = ("sim", "sim:legs")
 MARGIN = 0.05  # s, by which a command expires early: a busy computer may keep the sender waiting
 _robots: weakref.WeakValueDictionary[str, Robot] = weakref.WeakValueDictionary()
 
@@ -62,8 +66,9 @@ def connect(
     """A robot that stands still and has told where it is.
 
     Args:
-        address: "sim", a simulated robot in this program; "udp://host:port", a real one or the
-            simulator's program; "replay:run.csv", a recorded run.
+        address: "sim", a simulated robot in this program; "sim:legs", one with legs and physics;
+            "udp://host:port", a real one or the simulator's program; "replay:run.csv", a recorded
+            run.
         level_flag: of the commands; 0x00 for an Air or a Pro, which else hears no command.
         rate: commands a second, 100 to 500.
         command_timeout: s, after which a command that is not renewed is zero velocity, and a state
@@ -80,7 +85,7 @@ def connect(
         realtime: whether a simulated or recorded robot lives by the wall clock. If not (as by
             default), its time passes in `wait` alone, as fast as the computer goes and the same
             every time.
-        simulation: of "sim": its model, seed, numbers and faults.
+        simulation: of "sim" and "sim:legs": its model, seed, numbers and faults.
         limp: the emergency: the legs are to go limp from the first packet on, before any answer.
 
     Raises:
@@ -166,8 +171,10 @@ def _in_memory(
     here, there = pair()
     clock = WallClock(rate) if realtime else SteppedClock(rate)
     simulator = None
-    if address == "sim":
-        simulator = SimulatedRobot(there, simulation or Simulation(), clock.now)
+    if address in SIMULATED:
+        setup = simulation or Simulation()
+        setup = replace(setup, body="legs") if address == "sim:legs" else setup
+        simulator = SimulatedRobot(there, setup, clock.now)
         live = simulator.step
     else:
         live = RecordedRobot(there, read_log(address.removeprefix("replay:")), clock.now).step
@@ -182,8 +189,11 @@ def _in_memory(
 
 def _live(step: Callable[[float], None], stopped: threading.Event) -> None:
     """The life of a robot in a thread of its own."""
-    while not stopped.is_set():
-        step(STEP)
+    try:
+        while not stopped.is_set():
+            step(STEP)
+    except RuntimeError as error:  # the robot is dead, and its state will soon be stale
+        print(error, file=sys.stderr, flush=True)
 
 
 def _check_line(
@@ -195,8 +205,8 @@ def _check_line(
     simulation: Simulation | None,
 ) -> None:
     """Raises ValueError where an argument that says how to speak to the robot does not fit."""
-    if address != "sim" and not address.startswith(("udp:", "replay:")):
-        expected = "'sim', 'udp://host:port' or 'replay:run.csv'"
+    if address not in SIMULATED and not address.startswith(("udp:", "replay:")):
+        expected = "'sim', 'sim:legs', 'udp://host:port' or 'replay:run.csv'"
         raise ValueError(f"address: expected {expected}, got {address!r}")
     if level_flag not in (HIGH_LEVEL, 0):
         raise ValueError(f"level_flag: expected 0xEE or 0x00, got {level_flag!r}")
@@ -204,8 +214,8 @@ def _check_line(
         raise ValueError(f"rate: expected 100 to 500 Hz, got {rate!r}")
     if not 0.1 <= timeout <= 1.0:
         raise ValueError(f"command_timeout: expected 0.1 to 1 s, got {timeout!r}")
-    if simulation is not None and address != "sim":
-        raise ValueError(f"simulation: only for 'sim', not for {address!r}")
+    if simulation is not None and address not in SIMULATED:
+        raise ValueError(f"simulation: only for 'sim' and 'sim:legs', not for {address!r}")
     if realtime is False and address.startswith("udp:"):
         raise ValueError("realtime: a robot on UDP lives by the wall clock")
 

@@ -224,7 +224,7 @@ def test_a_trim_straightens_a_robot_that_drifts_to_its_left():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"address": "tcp://1.2.3.4:5"}, "address: expected 'sim', 'udp://host:port' or"),
+        ({"address": "tcp://1.2.3.4:5"}, "address: expected 'sim', 'sim:legs', 'udp://host:port'"),
         ({"address": ""}, "address: expected"),
         ({"address": "udp://1.2.3.4"}, "expected 'udp://host:port'"),
         ({"address": "udp://1.2.3.4:99999"}, "[Pp]ort"),

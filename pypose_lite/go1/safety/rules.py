@@ -110,7 +110,8 @@ def disagrees(moments: Sequence[Moment]) -> str | None:
     """Motion asked and motion seen have parted for `WINDOW` seconds.
 
     What is seen may lie anywhere between the least and the greatest of what was asked lately, and
-    beside that by half of it and a little more.
+    beside that by a share of it and a little more: gaits turn where they should not. A trained one,
+    in simulation, turned by 0.15 rad/s when told to go straight on, by 0.3 when told 0.1.
     """
     lately, window = _last(moments, WINDOW + LATENCY), _last(moments, WINDOW)
     if not lately or len(window) < 2:
@@ -118,7 +119,7 @@ def disagrees(moments: Sequence[Moment]) -> str | None:
     seen = seen_motion(window)
     forward, left, turn = zip(*(moment.asked for moment in lately))
     speed = max(math.hypot(f, s) for f, s in zip(forward, left))
-    margins = 0.1 + 0.5 * speed, 0.1 + 0.5 * speed, 0.15 + 0.5 * max(map(abs, turn))
+    margins = 0.1 + 0.5 * speed, 0.1 + 0.5 * speed, 0.25 + 0.25 * max(map(abs, turn))
     names = ("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s")
     for (name, unit), asked, margin, value in zip(names, (forward, left, turn), margins, seen):
         if not min(asked) - margin <= value <= max(asked) + margin:

@@ -1,9 +1,11 @@
 """The simulated Go1 as a program of its own.
 
 python -m pypose_lite.go1.simulator --port 8082 --model edu
+python -m pypose_lite.go1.simulator --body legs
 """
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import fields
 
@@ -11,27 +13,34 @@ from ..wire.protocol import COMMAND_SIZE
 from ..wire.transport import UdpServer
 from .body import STEP, Numbers
 from .faults import Faults
-from .simulated_robot import SimulatedRobot, Simulation
+from .floor import Floor
+from .simulated_robot import BODIES, SimulatedRobot, Simulation
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs a simulated robot until Ctrl-C."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a simulated robot until Ctrl-C, and returns the program's exit status."""
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
         faults = Faults(**{f.name: getattr(options, f.name) for f in fields(Faults)})
+        floor = Floor(**{f.name: getattr(options, f.name) for f in fields(Floor)})
         server = UdpServer(options.host, options.port, COMMAND_SIZE, Numbers().silence)
     except ValueError as error:
         parser.error(str(error))
     numbers = Numbers(lag=options.lag, dead_band=options.dead_band)
-    setup = Simulation(options.model, options.seed, numbers, faults, options.freeze, options.vanish)
-    print(f"simulated Go1 ({options.model}) on udp://{options.host}:{server.port}", flush=True)
-    simulator = SimulatedRobot(server, setup, report=_say)
+    line = faults, options.freeze, options.vanish
+    setup = Simulation(options.model, options.seed, numbers, *line, options.body, floor)
+    walker = "simulated Go1" if options.body == "point" else "Go2's body and gait as a Go1"
     try:
+        simulator = SimulatedRobot(server, setup, report=_say)
+        _say(f"{walker} ({options.model}) on udp://{options.host}:{server.port}")
         while True:
             simulator.step(timeout=STEP)
     except KeyboardInterrupt:
-        pass
+        return 0
+    except RuntimeError as error:  # legs that are not installed, or physics that failed
+        print(error, file=sys.stderr, flush=True)
+        return 1
     finally:
         server.close()
 
@@ -53,8 +62,16 @@ def _parser() -> argparse.ArgumentParser:
     add("--port", type=int, default=8082, help="port to listen on; 0 takes a free one")
     add("--model", choices=["edu", "pro"], default="edu", help="whose checksums it takes")
     add("--seed", type=int, default=0, help="of its noise and its faults")
-    add("--lag", type=float, default=standard.numbers.lag, help="s, of the velocities")
-    add("--dead-band", type=float, default=standard.numbers.dead_band, help="m/s")
+    add("--body", choices=BODIES, default="point", help="a point with a lag, or legs with physics")
+    add("--lag", type=float, default=standard.numbers.lag, help="s, of a point's velocities")
+    add("--dead-band", type=float, default=standard.numbers.dead_band, help="m/s, of a point")
+    for name, what in (
+        ("slope", "rad, by which the floor under legs rises ahead"),
+        ("friction", "of a foot on it"),
+        ("step", "m, the height of a step up"),
+        ("distance", "m, to the step"),
+    ):
+        add(f"--{name}", type=float, default=getattr(standard.floor, name), help=what)
     for name, what in (
         ("loss", "share of datagrams lost, each way"),
         ("delay", "s, each way"),
@@ -70,4 +87,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

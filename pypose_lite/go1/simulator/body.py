@@ -1,18 +1,22 @@
-"""The simulated robot's body: how it moves when asked, and what it then reports.
+"""What every body of the simulated robot has, whether a point with a lag or legs with physics.
 
-A model to test programs with, not one of the real robot's legs: velocities follow the command
-with a lag, and the odometry drifts. `Numbers` names every number of it.
+A `Dog` is asked by commands, moves on in steps, and says how it is in states. There are two:
+`point.PointDog`, whose velocities follow the command with a lag, and `legs.dog.LeggedDog`, which
+walks on four legs by MuJoCo's physics. `Numbers` names every number that they share or assume.
 """
 
 import math
 import random
-from dataclasses import dataclass, replace
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
-from ..safety.limits import Mode
 from ..wire.protocol import BmsState, HighCmd, HighState, Imu
 
 STEP = 0.005  # s, of the integration
 SERIAL = {"edu": 3, "pro": 2}  # byte 1 of the serial number, by model
+GRAVITY = 9.81  # m/s^2
+
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -56,115 +60,65 @@ class Numbers:
     silence: float = 2.0
 
 
-class Dog:
-    """A body that walks on a plane.
+class Dog(ABC):
+    """A body that lives behind the robot's packets.
+
+    Args:
+        numbers: of the body.
+        seed: of every random draw.
+        model: "edu" or "pro", for the serial number.
 
     Attributes:
         pose: where it truly is, (x, y, heading) in m and rad, from (0, 0, 0) at power-on.
         command: what it was asked last.
-        leaning: roll and pitch in rad that have befallen it.
         remote: what its remote control says, 40 bytes.
     """
+
+    pose: Triple
 
     def __init__(self, numbers: Numbers, seed: int = 0, model: str = "edu") -> None:
         if model not in SERIAL:
             raise ValueError(f"model: expected one of {[*SERIAL]}, got {model!r}")
-        self.numbers, self.pose, self.command = numbers, (0.0, 0.0, 0.0), HighCmd()
-        self.leaning, self.remote = (0.0, 0.0), bytes(40)
+        self.numbers, self.command, self.remote = numbers, HighCmd(), bytes(40)
         self._random = random.Random(seed)
         draw = self._random.uniform  # the odometry starts anywhere: the robot was walked before
         self._odometry = (draw(-5, 5), draw(-5, 5), draw(-math.pi, math.pi))
-        self._velocity = (0.0, 0.0, 0.0)  # forward m/s, left m/s, turn rad/s
-        self._height, self._charge, self._up = numbers.height, numbers.charge, True
-        self._serial = (4 | SERIAL[model] << 8, 0)
+        self._charge, self._serial = numbers.charge, (4 | SERIAL[model] << 8, 0)
 
+    @abstractmethod
+    def ask(self, command: HighCmd) -> None:
+        """Takes a command."""
+
+    @abstractmethod
     def step(self) -> None:
         """Moves on by `STEP` seconds."""
-        numbers = self.numbers
-        follow = 1.0 - math.exp(-STEP / numbers.lag) if numbers.lag > 0 else 1.0
-        wanted = self._wanted()
-        forward, left, turn = (v + follow * (w - v) for v, w in zip(self._velocity, wanted))
-        self._velocity = forward, left, turn
-        self.pose = _moved(self.pose, forward, left, turn)
-        self._odometry = _moved(
-            self._odometry, numbers.scale * forward, numbers.scale * left, turn + numbers.yaw_drift
-        )
-        rise = numbers.rise * STEP
-        self._height += min(max(self._aim() - self._height, -rise), rise)
-        self._charge = max(self._charge - numbers.discharge * STEP, 0.0)
 
-    def ask(self, command: HighCmd) -> None:
-        """Takes a command; how the legs change between lying and standing is told by its mode."""
-        self.command = command
-        if command.mode in (Mode.STAND_UP, Mode.RECOVER):
-            self._up = True
-        elif command.mode in (Mode.LIE_DOWN, Mode.DAMP):
-            self._up = False
-
+    @abstractmethod
     def state(self) -> HighState:
         """What the robot reports: everything as its own sensors see it."""
-        x, y, _ = self._odometry
-        draw, numbers, command = self._random.gauss, self.numbers, self.command
-        forward, left, turn = (v + draw(0.0, numbers.jitter) for v in self._velocity)
-        return replace(
-            _BLANK,
-            sn=self._serial,
-            imu=self._imu(),
-            bms=BmsState(soc=int(self._charge), current=-2000, cell_vol=(3800,) * 10),
-            foot_force=(30, 30, 30, 30),
-            mode=command.mode,
-            gait_type=command.gait_type,
-            foot_raise_height=numbers.foot_raise_height + command.foot_raise_height,
-            position=(x, y, self._height),
-            body_height=self._height,
-            velocity=(forward, left, 0.0),
-            yaw_speed=turn,
-            wireless_remote=self.remote,
-        )
 
-    def _imu(self) -> Imu:
+    def _discharge(self) -> None:
+        """Takes from the battery what a step costs."""
+        self._charge = max(self._charge - self.numbers.discharge * STEP, 0.0)
+
+    def _battery(self) -> BmsState:
+        return BmsState(soc=int(self._charge), current=-2000, cell_vol=(3800,) * 10)
+
+    def _imu(self, rpy: Triple, gyroscope: Triple, accelerometer: Triple) -> Imu:
         """The inertial sensor, whose noise is in every state a new one."""
-        yaw = math.remainder(self._odometry[2], 2 * math.pi)
-        roll, pitch = self.command.euler[:2] if self.command.mode == Mode.STAND else self.leaning
-        noise = [self._random.gauss(0.0, self.numbers.sensor) for _ in range(6)]
+        roll, pitch, yaw = *rpy[:2], math.remainder(rpy[2], 2 * math.pi)
+        noise = [self._noise(self.numbers.sensor) for _ in range(6)]
         return Imu(
             quaternion=quaternion(roll, pitch, yaw),
-            gyroscope=(noise[0], noise[1], self._velocity[2] + noise[2]),
-            accelerometer=(noise[3], noise[4], 9.81 + noise[5]),
+            gyroscope=tuple(rate + more for rate, more in zip(gyroscope, noise[:3])),
+            accelerometer=tuple(pull + more for pull, more in zip(accelerometer, noise[3:])),
             rpy=(roll, pitch, yaw),
             temperature=40,
         )
 
-    def _wanted(self) -> tuple[float, float, float]:
-        """The velocities that the command asks for: none unless it stands and is told to walk."""
-        command, standing = (
-            self.command,
-            self._height > (self.numbers.height + self.numbers.lying) / 2,
-        )
-        if not (standing and self._up and command.mode == Mode.WALK and command.gait_type):
-            return 0.0, 0.0, 0.0
-        forward, left = command.velocity
-        slow = math.hypot(forward, left) < self.numbers.dead_band
-        return (0.0, 0.0, command.yaw_speed) if slow else (forward, left, command.yaw_speed)
-
-    def _aim(self) -> float:
-        """The height to which the body is on its way."""
-        return self.numbers.height + self.command.body_height if self._up else self.numbers.lying
-
-
-_BLANK = HighState()
-
-
-def _moved(pose: tuple, forward: float, left: float, turn: float) -> tuple[float, float, float]:
-    """A pose after `STEP` seconds at those velocities, with the heading of half the step."""
-    x, y, heading = pose
-    middle = heading + turn * STEP / 2
-    c, s = math.cos(middle), math.sin(middle)
-    return (
-        x + (c * forward - s * left) * STEP,
-        y + (s * forward + c * left) * STEP,
-        heading + turn * STEP,
-    )
+    def _noise(self, size: float) -> float:
+        """A draw of a sensor's noise."""
+        return self._random.gauss(0.0, size)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
@@ -181,4 +135,16 @@ def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, flo
         sr * cp * cy - cr * sp * sy,
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
+    )
+
+
+def moved(pose: Triple, forward: float, left: float, turn: float) -> Triple:
+    """A pose after `STEP` seconds at those velocities, with the heading of half the step."""
+    x, y, heading = pose
+    middle = heading + turn * STEP / 2
+    c, s = math.cos(middle), math.sin(middle)
+    return (
+        x + (c * forward - s * left) * STEP,
+        y + (s * forward + c * left) * STEP,
+        heading + turn * STEP,
     )

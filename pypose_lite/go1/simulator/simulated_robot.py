@@ -20,7 +20,10 @@ from ..wire.protocol import (
 from ..wire.transport import Transport
 from .body import STEP, Dog, Numbers
 from .faults import Faults, FaultyLine
+from .floor import Floor
+from .point import PointDog
 
+BODIES = ("point", "legs")
 GREATEST = 100.0  # m/s, rad/s, rad, m: more is nonsense
 
 
@@ -37,6 +40,8 @@ class Simulation:
         freeze: seconds after the first command at which its state stops changing, while it goes
             on being sent.
         vanish: seconds after the first command at which it falls silent and hears nothing more.
+        body: "point", which follows the command with a lag, or "legs", a Go2's by its physics.
+        floor: under the legs.
     """
 
     model: str = "edu"
@@ -45,6 +50,8 @@ class Simulation:
     faults: Faults = field(default_factory=Faults)
     freeze: float = float("inf")
     vanish: float = float("inf")
+    body: str = "point"
+    floor: Floor = field(default_factory=Floor)
 
 
 class SimulatedRobot:
@@ -64,7 +71,7 @@ class SimulatedRobot:
         now: Callable[[], float] = time.monotonic,
         report: Callable[[str], None] = lambda line: None,
     ) -> None:
-        self.dog = Dog(simulation.numbers, simulation.seed, simulation.model)
+        self.dog = _born(simulation)
         self.applied = self.refused = 0
         self.report, self._reported = report, set[str]()
         self._line = FaultyLine(transport, simulation.faults, simulation.seed, now)
@@ -127,6 +134,18 @@ class SimulatedRobot:
             self._content_due = max(self._content_due, now - 1.0) + (
                 1.0 / self._simulation.numbers.content_rate
             )
+
+
+def _born(simulation: Simulation) -> Dog:
+    """The body that a simulation asks for."""
+    if simulation.body not in BODIES:
+        raise ValueError(f"body: expected one of {[*BODIES]}, got {simulation.body!r}")
+    setup = simulation.numbers, simulation.seed, simulation.model
+    if simulation.body == "point":
+        return PointDog(*setup)
+    from .legs.dog import LeggedDog  # needs MuJoCo, which only legs do
+
+    return LeggedDog(*setup, simulation.floor)
 
 
 def _nonsense(command: HighCmd) -> str | None:

@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from pypose_lite import go1
 from pypose_lite.go1.safety.limits import Gait, Mode
-from pypose_lite.go1.simulator.body import STEP, Dog
+from pypose_lite.go1.simulator.body import STEP
+from pypose_lite.go1.simulator.point import PointDog
 from pypose_lite.go1.simulator.simulated_robot import SimulatedRobot
 from pypose_lite.go1.wire.protocol import HighCmd, decode_state, encode_command
 from pypose_lite.go1.wire.remote import decode_remote, encode_remote
@@ -24,7 +25,7 @@ def walked(dog, command, seconds):
 
 
 def test_the_body_follows_a_circle_exactly_without_a_lag():
-    dog = walked(Dog(EXACT), WALK, 3.0)
+    dog = walked(PointDog(EXACT), WALK, 3.0)
     x, y, heading = dog.pose
     assert heading == pytest.approx(1.5)
     assert x == pytest.approx(0.8 * math.sin(1.5), abs=1e-5)  # the radius is 0.4 / 0.5
@@ -33,7 +34,7 @@ def test_the_body_follows_a_circle_exactly_without_a_lag():
 
 def test_the_velocity_follows_with_the_time_constant_of_the_lag():
     numbers = replace(EXACT, lag=0.2)
-    dog = walked(Dog(numbers), WALK, 0.2)
+    dog = walked(PointDog(numbers), WALK, 0.2)
     assert dog.state().velocity[0] == pytest.approx(0.4 * (1 - math.exp(-1.0)), rel=1e-6)
     assert dog.state().yaw_speed == pytest.approx(0.5 * (1 - math.exp(-1.0)), rel=1e-6)
 
@@ -41,13 +42,13 @@ def test_the_velocity_follows_with_the_time_constant_of_the_lag():
 def test_a_walk_slower_than_the_dead_band_does_not_start():
     numbers = replace(EXACT, dead_band=0.15)
     slow, fast = (replace(WALK, velocity=(v, 0.1)) for v in (0.11, 0.12))  # 0.1487, 0.1562
-    assert walked(Dog(numbers), slow, 1.0).pose == pytest.approx((0.0, 0.0, 0.5))
-    assert walked(Dog(numbers), fast, 1.0).pose[0] > 0.05
+    assert walked(PointDog(numbers), slow, 1.0).pose == pytest.approx((0.0, 0.0, 0.5))
+    assert walked(PointDog(numbers), fast, 1.0).pose[0] > 0.05
 
 
 def test_the_odometry_drifts_from_the_truth_as_told():
     numbers = replace(EXACT, scale=1.05, yaw_drift=0.01)
-    dog = Dog(numbers, seed=3)
+    dog = PointDog(numbers, seed=3)
     start = dog.state()
     walked(dog, replace(WALK, yaw_speed=0.0), 5.0)
     end, (x, _, heading) = dog.state(), dog.pose
@@ -58,13 +59,13 @@ def test_the_odometry_drifts_from_the_truth_as_told():
 
 
 def test_every_seed_starts_its_odometry_elsewhere():
-    starts = {Dog(EXACT, seed).state().position for seed in range(20)}
+    starts = {PointDog(EXACT, seed).state().position for seed in range(20)}
     assert len(starts) == 20
-    assert Dog(EXACT, 7).state() == Dog(EXACT, 7).state()
+    assert PointDog(EXACT, 7).state() == PointDog(EXACT, 7).state()
 
 
 def test_the_quaternion_says_the_same_as_roll_pitch_and_yaw():
-    dog = walked(Dog(EXACT, 1), HighCmd(mode=Mode.STAND, euler=(0.3, -0.2, 0.1)), 0.1)
+    dog = walked(PointDog(EXACT, 1), HighCmd(mode=Mode.STAND, euler=(0.3, -0.2, 0.1)), 0.1)
     w, x, y, z = dog.state().imu.quaternion
     roll, pitch, yaw = dog.state().imu.rpy
     assert (roll, pitch) == (0.3, -0.2)
@@ -74,11 +75,11 @@ def test_the_quaternion_says_the_same_as_roll_pitch_and_yaw():
 
 @pytest.mark.parametrize("mode", [Mode.IDLE, Mode.STAND, Mode.LIE_DOWN, Mode.DAMP, Mode.STAND_UP])
 def test_only_the_walking_mode_walks(mode):
-    assert walked(Dog(EXACT), replace(WALK, mode=mode), 1.0).pose == (0.0, 0.0, 0.0)
+    assert walked(PointDog(EXACT), replace(WALK, mode=mode), 1.0).pose == (0.0, 0.0, 0.0)
 
 
 def test_a_body_that_lies_does_not_walk_until_it_stands():
-    dog = walked(Dog(EXACT), HighCmd(mode=Mode.LIE_DOWN), 2.0)
+    dog = walked(PointDog(EXACT), HighCmd(mode=Mode.LIE_DOWN), 2.0)
     assert dog.state().body_height == EXACT.lying
     assert walked(dog, WALK, 1.0).pose == (0.0, 0.0, 0.0)
     walked(dog, HighCmd(mode=Mode.STAND_UP), 2.0)
@@ -87,7 +88,7 @@ def test_a_body_that_lies_does_not_walk_until_it_stands():
 
 
 def test_the_battery_empties():
-    dog = walked(Dog(replace(EXACT, charge=50.0, discharge=5.0)), HighCmd(), 2.0)
+    dog = walked(PointDog(replace(EXACT, charge=50.0, discharge=5.0)), HighCmd(), 2.0)
     assert dog.state().bms.soc == 40
     assert walked(dog, HighCmd(), 20.0).state().bms.soc == 0
 
@@ -210,7 +211,7 @@ def test_numbers_that_no_body_can_follow_are_refused_counted_and_told_once(field
 
 
 def test_its_remote_and_what_befalls_it_are_in_its_state():
-    dog = Dog(EXACT)
+    dog = PointDog(EXACT)
     dog.remote, dog.leaning = encode_remote("F1"), (0.3, -0.2)
     state = dog.state()
     assert decode_remote(state.wireless_remote).buttons == ("F1",)

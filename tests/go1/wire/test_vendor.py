@@ -77,6 +77,17 @@ def test_our_pro_answers_the_vendors_client_but_does_not_obey_level_ee():
     assert math.dist(told["first_position"][:2], told["position"][:2]) < 0.01
 
 
+def test_the_vendors_client_drives_our_dog_with_legs():
+    told = vendor_drives("--body", "legs", "--seed", "3")
+    assert told["accepted"] > 50
+    assert (told["mode"], told["gait_type"]) == (2, 1)
+    assert 0.1 < told["velocity"][0] < 0.4 and 0.3 < told["yaw_speed"] < 0.8
+    assert 0.25 < told["body_height"] < 0.35
+    assert math.hypot(*told["quaternion"]) == pytest.approx(1.0, abs=1e-5)
+    assert max(map(abs, told["rpy"][:2])) < 0.2
+    assert math.dist(told["first_position"][:2], told["position"][:2]) > 0.15
+
+
 @pytest.mark.parametrize("level_flag", [0x00, 0xEE])
 def test_the_vendors_receiver_hears_our_client_and_our_client_its_robot(level_flag):
     port = free_port()

@@ -16,7 +16,7 @@ __all__ = ["OLD_FORM", "REFERENCE", "Fault", "complaints", "prose", "shared_head
 
 # Chapters that are still in the form of before lessons and labs: fewer rules hold for them. One
 # that is rewritten leaves the list; when it is empty, it goes.
-OLD_FORM = frozenset(["05_ukf_pf"] + ["09_go1"])
+OLD_FORM = frozenset(["09_go1"])
 ALWAYS = [
     prose.measured_numbers,
     shown.figures_without_claim,

@@ -736,8 +736,8 @@ for i, (x, _, cloud) in enumerate(story):
         far = torch.stack([cloud.x - x, cloud.x + x])[..., :2].norm(dim=-1)
         shares[i] = (cloud.w * (far < 0.5)).sum(-1)
 x, _, cloud = story[47]  # just before the compass
-fig, (above, below) = plt.subplots(2, 1, figsize=(7, 7.2), height_ratios=[1.7, 1])
-plotting.infinity_axes(above, margin=0.5).set(ylim=(-2.4, 2.9), xlim=(-3.6, 3.6))
+fig, (above, below) = plt.subplots(2, 1, figsize=(7, 6.4), height_ratios=[1.4, 1])
+plotting.infinity_axes(above, margin=0.5).set(ylim=(-1.8, 2.9), xlim=(-5.6, 5.6))
 above.plot(*cloud.x[::8, :2].mT, ".", ms=3, label="particles")
 above.plot(*x[:2], "o", ms=12, mfc="none", color="black", label="the car")
 plotting.plot_covariance(above, cloud.mean, cloud.covariance, color=plotting.RED)

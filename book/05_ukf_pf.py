@@ -558,7 +558,8 @@ claim("same_bootstrap", torch.stack(gaps).mean(), below=0.03, unit="m")
 # %% [markdown]
 # ## On the infinity: four laps, four errors
 #
-# One lap of 64 cars with each filter, in the loop of the paper. Its Fig. 3 has the four panels. <!-- given: four laps -->
+# One lap of 64 cars with each filter, in the loop of the paper. Its Fig. 3 has the four panels.
+# <!-- given: four laps -->
 #
 # **Predict.** Which of the three filters has the smallest error here: the PF by far, the UKF, or
 # none of them?

@@ -102,12 +102,15 @@ claim("largest_error", infinity.tracking_error(driven).max(), below=0.1, unit="m
 # | [1 Systems](01_systems.py), [lab](../exercises/01_systems.py) | How is a system linearised? |
 # | [2 LQR](02_lqr.py), [lab](../exercises/02_lqr.py) | What is best if everything is linear? |
 # | [3 MPC](03_mpc.py), [lab](../exercises/03_mpc.py) | And if it is not? The first lap. |
-# | [4 EKF](04_ekf.py) | The car is seen through noise: where is it? |
-# | [5 UKF and PF](05_ukf_pf.py) | What if one bell curve is not enough? |
+# | [4 Kalman filter](04_ekf.py), [lab](../exercises/04_ekf.py) | Where is a car in noise? |
+# | [5 UKF, PF](05_ukf_pf.py), [lab](../exercises/05_ukf_pf.py) | And if one bell is not enough? |
 # | [6 Curves, poses](06_splines.py), [lab](../exercises/06_splines.py) | How does a car get back? |
 # | [7 All together](07_all_together.py), [lab](../exercises/07_all_together.py) | What pays? |
 # | [8 Learning](08_learning.py), [lab](../exercises/08_learning.py) | What do gradients find? |
 # | [9 The Go1](09_go1.py) | Does the same loop walk a robot? |
+#
+# Three appendices go further: [from pypose_lite to PyPose](to_pypose.py),
+# [the same infinity with other tools](other_tools.py), and [the mathematics used](mathematics.py).
 #
 # [How to read and run this book](how_to_read.md) says how lessons, labs and JupyterLab work. The
 # [scoreboard](scoreboard.md) lists every number that the book claims, beside the paper's.

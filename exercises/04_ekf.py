@@ -299,7 +299,7 @@ check("4.6", (process, sensor))
 # filter is right, its innovations are Gaussian with mean zero and variance $S_i$. So choose the
 # noises for which the innovations that did occur are most likely, that is, minimise the mean of
 #
-# $$ \tfrac12 \Bigl( \frac{e_i^2}{S_i} + \log S_i \Bigr) $$ (eq-lab4-likelihood)
+# $$ \tfrac12 \Bigl( \frac{e_i^2}{S_i} + \log S_i \Bigr) $$
 #
 # The first part wants $S$ to be large, the second penalises it. The loss is differentiable, through
 # all 60 steps of the filter. Return both to within 20 %. Begin with $x = 0$ and $P = \sigma_w^2$.

@@ -466,7 +466,7 @@ for begin in ([0.1, 0.1], [0.02, 0.4]):
 # $S$ knows the scale. As in lab 4, the best $q$ and $r$ are those for which the innovations that
 # came are most likely; the negative logarithm of a Gaussian density is, up to a constant,
 #
-# $$ \tfrac12 \log \det S + \tfrac12\, e^\top S^{-1} e $$ (eq-lab8-likelihood)
+# $$ \tfrac12 \log \det S + \tfrac12\, e^\top S^{-1} e $$
 #
 # Write the function that returns $[q, r]$ of a record, a tensor of two numbers: $q$ to within 25
 # percent and $r$ to within 10 percent. <!-- given: 25 percent, 10 percent -->

@@ -472,7 +472,7 @@ for begin in ([0.1, 0.1], [0.02, 0.4]):
 # percent and $r$ to within 10 percent. <!-- given: 25 percent, 10 percent -->
 #
 # :::{dropdown} Hint 1
-# It is the cell above with another loss: the mean of {eq}`eq-lab8-likelihood` over all steps and
+# It is the cell above with another loss: the mean of the expression above over all steps and
 # cars.
 # :::
 #

@@ -153,7 +153,7 @@ def not_normalised(log_weights):
     return 1 / w.square().sum()
 
 
-@wrong("5.3", "got 0.2")
+@wrong("5.3", "Weights are normalised first")
 def without_the_inverse(log_weights):
     return log_weights.softmax(0).square().sum()
 

@@ -134,8 +134,10 @@ def size(answer, log_weights: Tensor) -> Tensor:
 @effective_sample_size.must("be N where all weights are equal")
 def all_equal(answer, given):
     for N in (5, 40):
-        expect.close("it", size(answer, torch.zeros(N).double()), float(N), "1 / sum w^2.")
         hint = "Weights are normalised first: they need not sum to one."
+        mistakes = {hint: 1 / N}
+        came = size(answer, torch.zeros(N).double())
+        expect.close("it", came, float(N), "1 / sum w^2.", mistakes)
         expect.close("it", size(answer, torch.full((N,), -3.0).double()), float(N), hint)
 
 

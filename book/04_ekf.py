@@ -278,8 +278,10 @@ claim("same_variance", surprised[1] - usual[1], equals=0)
 #
 # $$
 # \begin{aligned}
-# p(x_i \mid Y_i) &\propto p(y_i \mid x_i)\; p(x_i \mid Y_{i-1}) \\
-# p(x_{i+1} \mid Y_i) &= \int p(x_{i+1} \mid x_i)\; p(x_i \mid Y_i)\; dx_i
+# p(x_i \mid Y_i) &\propto p(y_i \mid x_i) \\
+# & \quad \cdot p(x_i \mid Y_{i-1}) \\
+# p(x_{i+1} \mid Y_i) &= \int p(x_{i+1} \mid x_i) \\
+# & \quad \cdot p(x_i \mid Y_i)\, dx_i
 # \end{aligned}
 # $$ (eq-4-recursion)
 #
@@ -347,7 +349,12 @@ claim("settles", P_cart - settled.item(), equals=0, within=1e-3, unit="m²")
 # $\hat x$ is off by $\tilde x$, the new estimate is off by $(I - K C)\, \tilde x + K v$. The two
 # parts are independent, so their covariances add up:
 #
-# $$ P^+ = (I - K C)\, P\, (I - K C)^\top + K R K^\top $$ (eq-4-joseph)
+# $$
+# \begin{aligned}
+# P^+ =\; & (I - K C)\, P\, (I - K C)^\top \\
+# & + K R K^\top
+# \end{aligned}
+# $$ (eq-4-joseph)
 #
 # It is {eq}`eq-4-variance` in matrices, holds for every $K$, and is called *Joseph's form*. The
 # best gain makes the sum of the variances least, which is the trace of $P^+$. Its derivative by $K$
@@ -359,7 +366,12 @@ claim("settles", P_cart - settled.item(), equals=0, within=1e-3, unit="m²")
 # $(I - K C) P$. We keep the long form: it is a sum of squares, and so rounding cannot make it
 # negative.) The motion $x' = A x + B u + w$ transforms the error by $A$:
 #
-# $$ \hat x' = A \hat x + B u, \qquad P' = A P A^\top + Q $$ (eq-4-predict)
+# $$
+# \begin{aligned}
+# \hat x' &= A \hat x + B u \\
+# P' &= A P A^\top + Q
+# \end{aligned}
+# $$ (eq-4-predict)
 #
 # These lines are the Kalman filter {cite}`kalman1960filter`. For linear systems with Gaussian noise
 # it computes {eq}`eq-4-recursion` exactly.

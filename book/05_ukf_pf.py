@@ -421,7 +421,8 @@ claim("same_sight", (x_seen - by_ukf[0]).abs().max(), below=1e-6)
 # $$
 # \begin{aligned}
 # w_k &\propto p(y \mid x_k) \\
-# &\propto \exp\bigl(-\tfrac12 e_k^\top R^{-1} e_k\bigr), \quad e_k = y - g(x_k)
+# &\propto \exp\bigl(-\tfrac12 e_k^\top R^{-1} e_k\bigr) \\
+# e_k &= y - g(x_k)
 # \end{aligned}
 # $$ (eq-5-weight)
 #

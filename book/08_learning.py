@@ -114,7 +114,7 @@ plotting.show(
 # %% tags=["claims"]
 claim("slip_from_one", found.slip, equals=0.2, within=0.04)
 claim("blind_finished", blind.finished.sum(), equals=0)
-claim("informed_finished", informed.finished.sum(), above=13)
+claim("informed_finished", informed.finished.sum(), above=11)
 
 # %% [markdown]
 # On the first lap {claim}`blind_finished` of the 16 cars finish, on the second
@@ -154,7 +154,7 @@ display(table(head, rows))
 claim("blind_stray", stray["ideal | ideal"], above=0.18, unit="m")
 claim("planner_told", stray["real | ideal"], above=0.2, unit="m")
 claim("filter_told", stray["ideal | real"], below=0.12, unit="m")
-claim("both_told", stray["real | real"], below=0.055, unit="m")
+claim("both_told", stray["real | real"], below=0.06, unit="m")
 claim("blind_nees", nees["ideal | ideal"], above=30)
 claim("both_nees", nees["real | real"], below=9)
 
@@ -454,6 +454,15 @@ claim("shortcut_error", shortcut_error, above=15, below=30, unit="%")
 pypose = 3.9456887237  # of PyPose 0.9.5, as a test of this repository finds it
 claim("pypose_agrees", (shortcut[0, 1] - pypose).abs(), below=1e-8)
 
+
+def least_cost(s):
+    u = one_more_sweep(plan, s, weights, waypoints[0], aim)
+    return cost(u.flatten(), s)
+
+
+at_plan = grad(lambda s: cost(plan.flatten(), s))(slip)
+claim("envelope", (jacfwd(least_cost)(slip) - at_plan).abs(), below=1e-8)
+
 # %% [markdown] tags=["answer"]
 # By more than a tenth: {claim}`shortcut_error`. It forgets that the linear model $D$ itself depends
 # on the slip. The derivative of $g = D^\top S\, d$ has two terms, one for each factor, and holding
@@ -464,8 +473,9 @@ claim("pypose_agrees", (shortcut[0, 1] - pypose).abs(), below=1e-8)
 
 # %% [markdown]
 # The shortcut is common. It is what PyPose 0.9.5 computes: we ran its planner on this problem, and
-# its derivative equals that of `one_more_sweep` to {claim}`pypose_agrees`. We shall see what it
-# does to learning.
+# its derivative equals that of `one_more_sweep` to {claim}`pypose_agrees`. And it is easy to
+# overlook: the derivative of the least cost is right with the shortcut, too, to {claim}`envelope`,
+# by the envelope theorem. We shall see what it does to learning.
 
 # %% [markdown]
 # ## The library's gradient: one more Riccati pass
@@ -616,10 +626,10 @@ claim("heading_seen", seen_error.std(), above=6, unit="degrees")
 # %% [markdown] tags=["answer"]
 # The whole lap, by far: over the 16 cars the learned slips have a standard deviation of
 # {claim}`slip_whole_run`, against {claim}`slip_one_step` for single steps. In one step the slip
-# turns the car by {claim}`turn_lost` on average, and the sensor sees a heading with an error of
-# {claim}`heading_seen`. In a long simulation the lost turns add up, to 72 degrees over a full
-# circle, and carry the car far away. The mean over the cars is {claim}`slip_mean`.
-# <!-- given: 72 degrees -->
+# turns the car by {claim}`turn_lost` on average, and the heading that the sensor sees has an error
+# with a standard deviation of {claim}`heading_seen`. In a long simulation the lost turns add up, to
+# 72 degrees over a full circle, and carry the car far away. The mean over the cars is
+# {claim}`slip_mean`. <!-- given: 72 degrees -->
 
 # %% [markdown]
 # A long simulation also adds up the noise of the motion, which is small here. Where it is large,
@@ -770,7 +780,7 @@ def loss(theta):
     return loss_of_cars(theta, noise).mean()
 
 
-record = descend(loss, start, iterations=9)
+record = descend(loss, start, iterations=16)
 best = min(record, key=lambda entry: entry[1])[2]
 print("learned slip:", best[0].item())
 print("learned noise of the sensor:", best[1].exp().item())
@@ -808,6 +818,7 @@ def lesson(k):
     bottom.semilogy(ends, falling[ends], "s", ms=4, label="end of an iteration")
     bottom.semilogy(k, falling[k], "o", ms=11, mfc="none", label="shown")
     bottom.set(xlabel="evaluation", ylabel="root mean square (m)")
+    bottom.locator_params(axis="x", integer=True)
     bottom.legend(loc="lower left")
     return fig
 
@@ -819,10 +830,10 @@ display(widgets.panels(lesson, shown, "evaluation", alt=alt))
 # %% tags=["answer", "claims"]
 claim("loop_start", rms["start"], above=0.25, unit="m")
 claim("loop_learned", rms["learned"], below=0.08, unit="m")
-claim("loop_ratio", rms["learned"] / rms["told"], above=0.9, below=1.15)
-claim("loop_iterations", iterations.max(), below=10)
-claim("loop_evaluations", len(record), above=9, below=25)
-claim("loop_slip", best[0], equals=0.2, within=0.07)
+claim("loop_ratio", rms["learned"] / rms["told"], above=0.9, below=1.1)
+claim("loop_iterations", iterations.max(), below=17)
+claim("loop_evaluations", len(record), above=12, below=40)
+claim("loop_slip", best[0], equals=0.2, within=0.1)
 claim("loop_sensor", best[1].exp(), above=0.08, below=0.3)
 
 # %% [markdown] tags=["answer"]
@@ -831,8 +842,10 @@ claim("loop_sensor", best[1].exp(), above=0.08, below=0.3)
 # with the true numbers. The optimiser made {claim}`loop_iterations` iterations and needed
 # {claim}`loop_evaluations` evaluations for them. And although nobody asked for the truth, the slip
 # comes out near it, at {claim}`loop_slip` (0.2), and so, roughly, does the noise of the sensor, at
-# {claim}`loop_sensor` (0.163): to drive well, this filter has to be nearly honest.
-# <!-- given: 0.2 -->
+# {claim}`loop_sensor` (0.163): to drive well, this filter has to be nearly honest. They are as near
+# as 32 short drives allow; with another noise to learn from they come out a little differently.
+# (The noise of the motion was given. Both together could not have been learned from driving alone:
+# the estimates depend on their ratio only, as the lab shows.) <!-- given: 0.2 -->
 
 # %% [markdown]
 # ## What goes wrong with a gradient
@@ -868,6 +881,7 @@ for entries, style, name in both:
     values = torch.stack([entry[1] for entry in entries]).sqrt()
     ax.semilogy(values, style, ms=5, label=name)
 ax.set(xlabel="evaluation", ylabel="root mean square (m)")
+ax.locator_params(axis="x", integer=True)
 ax.legend()
 plotting.show(
     fig,
@@ -987,7 +1001,7 @@ from_zero = learn_slip(*pieces(informed, whole))
 from_below = learn_slip(*pieces(informed, whole), guess=-0.3)
 claim("from_zero", (from_zero - 0.2).abs().max(), below=0.05)
 claim("from_below", from_below.mean(), below=-0.5)
-claim("from_below_all", (from_below < -0.5).sum(), equals=16)
+claim("from_below_all", (from_below < -0.4).sum(), above=12)
 
 # %% [markdown]
 # Started from 0, the slip of every car comes out right, to {claim}`from_zero`. Started from $-0.3$,
@@ -1078,7 +1092,7 @@ claim("loop_shortcut", (swept @ way / difference - 1).abs(), above=0.1)
 # 4. From driving alone, through planner and filter, four numbers are learned: the cars stray
 #    {claim}`loop_learned` instead of {claim}`loop_start`.
 # 5. A gradient is local and can mislead: a shortcut has the wrong sign ({claim}`loop_slope_swept`
-#    instead of {claim}`loop_slope`), all of {claim}`from_below_all` cars end in a wrong valley, and
+#    instead of {claim}`loop_slope`), {claim}`from_below_all` of 16 cars end in a wrong valley, and
 #    at a bound {claim}`no_slope_bounded` of 41 slopes are exactly zero.
 #
 # <!-- given: 0.2 -->

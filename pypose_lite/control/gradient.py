@@ -1,7 +1,8 @@
 """The gradient of a plan: how the best inputs move when the problem does.
 
 At a solution the slope of the total cost vanishes, ``g(w, theta) = dJ/dw = 0`` in the free
-inputs. Differentiating that (the implicit function theorem), with H the exact Hessian of J:
+inputs (the stationarity condition). Differentiating that by the implicit function theorem, with H
+the exact Hessian of J:
 
     dw/dtheta = - H^-1 dg/dtheta                                      (1)
 
@@ -9,7 +10,7 @@ Here w is what is added to the plan while it is driven, ``u = U + w + K (x - X)`
 own gains. Without K the same derivatives would be those of an open loop, which on an unstable
 system are nothing but rounding. Neither H nor the sweeps that led here are recorded: H^-1 is one
 more Riccati pass, in the backward pass. A clamped input moves with its bound and with nothing else.
-`MPC` and the bounded `LQR` call :func:`differentiable`; chapter 8 uses it.
+`MPC` and the bounded `LQR` call :func:`differentiable`; chapter 8 derives it from a small example.
 
 Source: Amos et al., "Differentiable MPC for end-to-end planning and control" (2018), with the
 exact Hessian in place of Gauss-Newton's.

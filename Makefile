@@ -3,6 +3,7 @@
 # make lab     lessons, exercises and solutions in JupyterLab, in the folder lab
 # make reset EXERCISE=03_mpc   that exercise as it was; yours is kept beside it
 # make exercises             the exercises, from their solutions
+# make homework              the labs for a course: notebooks for students, keys, autograders
 # make page CHAPTER=03_mpc   one page alone, run and built (exercises/03_mpc, solutions/03_mpc)
 # make picture               the README's picture, from the opening page
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew
@@ -11,7 +12,7 @@
 
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
-.PHONY: book test lab reset exercises page picture bench other-tools clean lint chapters site
+.PHONY: book test lab reset exercises homework page picture bench other-tools clean lint chapters site
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -31,7 +32,7 @@ book: site
 	@python -m pypose_lite.teaching.site.scoreboard build/executed
 	@printf '\nThe book: file://%s\n' "$(CURDIR)/$(HTML)/index.html"
 
-test: lint site
+test: lint site .venv/.installed-grading
 	pytest book $(wildcard solutions) -q -n 2 --dist loadfile
 	python -m pypose_lite.teaching.site.scoreboard build/executed build/claims
 	pytest tests -q -n 2 --dist loadfile -m "not wall_clock"
@@ -72,6 +73,10 @@ build/npm/.complete: .venv/.installed
 exercises: .venv/.installed
 	@python -m pypose_lite.teaching.site.exercises solutions exercises
 
+# SEED=1234 draws other hidden numbers; ONLY=3.1,3.2 leaves the other exercises out.
+homework: .venv/.installed-grading
+	@python book/site/homework.py solutions build/homework $(if $(SEED),--seed=$(SEED)) $(if $(ONLY),--only=$(ONLY))
+
 page: $(filter build/executed/$(CHAPTER).ipynb,$(NOTEBOOKS)) build/npm/.complete
 	@python -m pypose_lite.teaching.site.stage build/executed build/page $(CHAPTER)
 	@cp -Rp build/npm/static build/npm/extra build/page
@@ -99,8 +104,8 @@ bench: .venv/.installed-bench
 other-tools: .venv/.installed
 	python -m pypose_lite.teaching.other_tools
 
-.venv/.installed-bench: .venv/.installed
-	@.ci/install $(PYTHON) bench
+.venv/.installed-bench .venv/.installed-grading: .venv/.installed
+	@.ci/install $(PYTHON) $(subst .venv/.installed-,,$@)
 
 clean:
 	rm -rf build

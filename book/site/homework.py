@@ -42,9 +42,9 @@ TEST = '''\
 
 from pathlib import Path
 
-from pypose_lite.teaching.grading.with_pytest import tests_of
+from pypose_lite.teaching.grading.with_pytest import graded_by
 
-test_exercise = tests_of(Path(__file__).with_name("key.json"))
+test_exercise = graded_by(Path(__file__).with_name("key.json"))
 '''
 
 

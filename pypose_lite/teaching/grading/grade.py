@@ -170,6 +170,7 @@ def process(job: str) -> Iterator["queue.Queue[str | None]"]:
 
 def _listen(worker: subprocess.Popen, job: str, lines: queue.Queue) -> None:
     """Hands the job over, then passes on what the process says."""
+    assert worker.stdin and worker.stdout, "both are pipes"
     with contextlib.suppress(OSError):
         worker.stdin.write(job)
         worker.stdin.close()

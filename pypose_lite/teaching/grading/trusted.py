@@ -39,6 +39,9 @@ class Trusted:
             for name, value in names.items():
                 if vars(thing).get(name) is not value:
                     setattr(thing, name, value)
+            if isinstance(thing, type):  # what was added there may hide what a base has
+                for name in vars(thing).keys() - names.keys():
+                    delattr(thing, name)
         for name in [name for name in sys.modules if name.startswith(CHECKS)]:
             del sys.modules[name]
         return import_module(CHECKS)

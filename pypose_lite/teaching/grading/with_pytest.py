@@ -2,8 +2,8 @@
 
 A test file is two lines::
 
-    from pypose_lite.teaching.grading.with_pytest import tests_of
-    test_exercise = tests_of(Path(__file__).with_name("key.json"))
+    from pypose_lite.teaching.grading.with_pytest import graded_by
+    test_exercise = graded_by(Path(__file__).with_name("key.json"))
 """
 
 import functools
@@ -18,7 +18,7 @@ from .grade import grade
 from .key import Key
 
 
-def tests_of(path: Path) -> Callable:
+def graded_by(path: Path) -> Callable:
     """Returns the tests of a lab; ``SUBMISSION`` in the environment is the notebook's path."""
     key = Key.read(path)
     submission = Path(os.environ.get("SUBMISSION", f"{key.lab}.ipynb"))

@@ -77,11 +77,18 @@ class Submission:
         self.say("verdict", [task["number"], verdict.state, verdict.message[:LONG]])
 
 
+class Shell(InteractiveShell):
+    """Runs cells as a notebook does, with magics, and without a window."""
+
+    def enable_gui(self, gui: str | None = None) -> None:
+        """Nothing: figures are not shown."""
+
+
 def new_shell() -> InteractiveShell:
-    """Returns an IPython that keeps no history: it runs cells as a notebook does, with magics."""
+    """Returns an IPython that keeps no history."""
     config = Config()
     config.HistoryManager.enabled = False
-    shell = InteractiveShell.instance(config=config)
+    shell = Shell.instance(config=config)
     first_checks_are_silent()
     return shell
 

@@ -75,7 +75,8 @@ exercises: .venv/.installed
 
 # SEED=1234 draws other hidden numbers; ONLY=3.1,3.2 leaves the other exercises out.
 homework: .venv/.installed-grading
-	@python book/site/homework.py solutions build/homework $(if $(SEED),--seed=$(SEED)) $(if $(ONLY),--only=$(ONLY))
+	@python -m pypose_lite.teaching.grading.homework solutions build/homework \
+	  $(if $(SEED),--seed=$(SEED)) $(if $(ONLY),--only=$(ONLY))
 
 page: $(filter build/executed/$(CHAPTER).ipynb,$(NOTEBOOKS)) build/npm/.complete
 	@python -m pypose_lite.teaching.site.stage build/executed build/page $(CHAPTER)

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-import homework
 import nbformat
+
+from pypose_lite.teaching.grading import homework
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = "3.1", "3.2", "3.5"

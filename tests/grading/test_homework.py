@@ -6,13 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import homework
-import make_exercises as tool
 import nbformat
 import pytest
 from submissions import ROOT
 
 from pypose_lite.teaching.checks import chapter
+from pypose_lite.teaching.grading import homework
+from pypose_lite.teaching.site import exercises as tool
 
 LABS = {path.stem: path.read_text("utf-8") for path in sorted(ROOT.glob("solutions/[0-9]*.py"))}
 SOLUTION = re.compile(f"{tool.BEGIN}\n(.*?){tool.END}", re.DOTALL)
@@ -24,7 +24,8 @@ each_lab = pytest.mark.parametrize("lab", LABS)
 def built(tmp_path_factory):
     """All that the command makes of all labs."""
     target = tmp_path_factory.mktemp("homework")
-    command = [sys.executable, ROOT / "book" / "site" / "homework.py", "solutions", target]
+    module = "pypose_lite.teaching.grading.homework"
+    command = [sys.executable, "-m", module, "solutions", target]
     done = subprocess.run(
         [*command, f"--seed={SEED}"], cwd=ROOT, capture_output=True, text=True, timeout=300
     )

@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 
-import homework
 import nbformat
 import pytest
 from submissions import (
@@ -23,6 +22,8 @@ from submissions import (
     with_verdicts_in_its_outputs,
     without_checks,
 )
+
+from pypose_lite.teaching.grading import homework
 
 LEAVES = "import os\ndef line_search(cost_after, cost_now, alphas):\n    os._exit(0)"
 HANDED_IN = {

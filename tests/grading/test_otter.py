@@ -7,9 +7,10 @@ import subprocess
 import sys
 import zipfile
 
-import homework
 import pytest
 from submissions import BELIEVE_ME, KEY, WRONG, handed_in, saved, with_checks
+
+from pypose_lite.teaching.grading import homework
 
 WRITES = """
 import json, pathlib, tempfile

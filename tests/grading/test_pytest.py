@@ -5,11 +5,11 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-import homework
 import pytest
 from submissions import KEY, RIGHT, WRONG, handed_in, saved
 
 from pypose_lite.teaching.checks import Verdict
+from pypose_lite.teaching.grading import homework
 from pypose_lite.teaching.grading.forms import prairielearn
 
 

@@ -1,4 +1,6 @@
-"""Makes homework from the labs: ``python book/site/homework.py solutions build/homework``.
+"""Makes homework from the labs.
+
+``python -m pypose_lite.teaching.grading.homework solutions build/homework``
 
 ``students/`` holds the notebooks that students get. Everything else is the teacher's: ``keys/``,
 by which labs are graded, and a kit for each way to do it, ``nbgrader/``, ``otter/``, ``pytest/``.
@@ -18,14 +20,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import jupytext
-import make_exercises as labs
 import nbformat
 
-from pypose_lite.teaching.checks import chapter
-from pypose_lite.teaching.grading.key import Key, checks_in, key_of
-from pypose_lite.teaching.grading.with_nbgrader import answer_cell, check_cell
+from ..checks import chapter
+from ..site import exercises as labs
+from .key import Key, checks_in, key_of
+from .with_nbgrader import answer_cell, check_cell
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]  # of the repository
 NEEDED = ("torch", "numpy", "matplotlib", "ipython", "ipykernel", "ipywidgets", "jupytext")
 CONFIG = """\
 from pypose_lite.teaching.grading import with_nbgrader
@@ -165,7 +167,7 @@ def for_otter(keys: dict[str, Key], folder: Path) -> None:
     """Makes the zip of each lab that otter runs, and that Gradescope takes."""
     from otter.generate import main as generate
 
-    from pypose_lite.teaching.grading import with_otter
+    from . import with_otter
 
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as made, contextlib.chdir(made):
@@ -215,7 +217,7 @@ def requirements(wheel: Path) -> str:
 
 def main() -> None:
     """Does what the command line says."""
-    parser = argparse.ArgumentParser(prog="homework.py")
+    parser = argparse.ArgumentParser(prog="python -m pypose_lite.teaching.grading.homework")
     parser.add_argument("solutions", type=Path)
     parser.add_argument("target", type=Path)
     parser.add_argument("--seed", type=int)

@@ -9,11 +9,13 @@ from importlib import import_module
 
 import nbformat
 import pytest
+import torch
 from submissions import (
     BELIEVE_ME,
     KEY,
     NUMBERS,
     RIGHT,
+    SEED,
     WRONG,
     blank,
     cell,
@@ -24,7 +26,8 @@ from submissions import (
     without_checks,
 )
 
-from pypose_lite.teaching.checks import find
+from pypose_lite.teaching.checks import find, judge
+from pypose_lite.teaching.checks.given import Given
 from pypose_lite.teaching.grading import Key, grade
 from pypose_lite.teaching.grading.key import checks_in, key_of
 
@@ -133,6 +136,20 @@ def test_a_grader_that_cannot_run_says_so_and_blames_no_student(monkeypatch):
     monkeypatch.setattr(module, "WORKER", "pypose_lite.no_such_worker")
     with pytest.raises(RuntimeError, match="No module named pypose_lite.no_such_worker"):
         grade(handed_in(), KEY)
+
+
+def test_an_answer_that_fits_the_shapes_of_the_lab_only_passes_there_and_not_as_homework():
+    def by_heart(u):
+        known = u.shape in {(5, 2), (1, 1), (3, 4), (6, 2)}
+        return torch.cat([u[1:], u[-1:]]) if known else u
+
+    assert judge(find("3.1"), by_heart).passed
+    assert not judge(find("3.1"), by_heart, SEED).passed
+
+
+def test_sizes_are_the_usual_ones_in_the_lab_and_others_in_homework():
+    assert [Given().size(3) for _ in range(5)] == [3] * 5
+    assert {Given(seed).size(3) for seed in range(1, 30)} == {3, 4, 5}
 
 
 def test_a_key_comes_back_from_its_file(tmp_path):

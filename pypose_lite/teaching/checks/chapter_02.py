@@ -9,8 +9,9 @@ from .exercise import Exercise
 riccati_step = Exercise("2.1", "One Riccati step", minutes=10, takes="A, B, Q, R, V", points=2)
 
 
-def one_step(given, n=3, m=2):
+def one_step(given, n=None, m=None):
     """A, B, Q, R and V of some step."""
+    n, m = n or given.size(3), m or given.size(2)
     A, B = given.randn(n, n), given.randn(n, m)
     return A, B, given.positive(n), given.positive(m), given.positive(n)
 
@@ -83,8 +84,9 @@ gain_cost = Exercise(
 )
 
 
-def stable_loop(given, n=3, m=2):
+def stable_loop(given, n=None, m=None):
     """A, B, Q, R and a K that is stable and not the best."""
+    n, m = n or given.size(3), m or given.size(2)
     A, B, Q, R = given.randn(n, n), given.randn(n, m), given.positive(n), given.positive(m)
     K = -dlqr(A, B, Q, R)[0]
     change = given.randn(m, n)

@@ -29,8 +29,9 @@ def shape_of_guess(answer, given):
 
 @warm_start.must("move every input one step earlier, and repeat the last one")
 def moved_on(answer, given):
-    u = given.randn(6, 2)
-    zero = torch.zeros(1, 2)
+    T, m = given.size(6), given.size(2)
+    u = given.randn(T, m)
+    zero = torch.zeros(1, m)
     mistakes = {
         "The input that was just used has come back at the end.": u.roll(-1, 0),
         "The inputs moved one step later: the first one has been used, leave it out.": u.roll(1, 0),
@@ -38,7 +39,7 @@ def moved_on(answer, given):
         "The new last input is zero: repeat the one before it.": torch.cat([u[1:], zero]),
         "Nothing has moved.": u,
     }
-    rows = [u[min(t + 1, 5)] for t in range(6)]
+    rows = [u[min(t + 1, T - 1)] for t in range(T)]
     hint = "Input t of the guess is input t + 1 of the plan, as far as there is one."
     expect.close("the guess", answer(u), torch.stack(rows), hint, mistakes)
 
@@ -122,8 +123,9 @@ def last_step(answer, given):
 
 @backward.must("give gains that lead to the inputs of least cost")
 def best_inputs(answer, given):
-    for sizes in [(2, 3, 2), (5, 3, 2)]:
-        A, B, Q, q = horizon(given, *sizes)
+    n, m = given.size(3), given.size(2)
+    for T in (2, given.size(5)):
+        A, B, Q, q = horizon(given, T, n, m)
         came = driven(A, B, *run_backward(answer, (A, B, Q, q)))
         blind = driven(A, B, *with_slope(A, B, Q, q, lambda h, H, k, K, n: 0 * h[:n]))
         mine = driven(A, B, *with_slope(A, B, Q, q, lambda h, H, k, K, n: h[:n]))
@@ -193,11 +195,12 @@ def pulled_in(answer, given):
 def near_bounds(answer, given):
     lower, upper = torch.tensor([-0.3, -2.0]), torch.tensor([0.4, 1.0])
     for _ in range(4):
-        u = torch.minimum(torch.maximum(given.randn(6, 2), lower), upper)
+        T = given.size(6)
+        u = torch.minimum(torch.maximum(given.randn(T, 2), lower), upper)
         hint = (
             "clip(u - slope, lower, upper) - u, with the bounds of its own column for each input."
         )
-        residual(answer, u, given.randn(6, 2), lower, upper, hint)
+        residual(answer, u, given.randn(T, 2), lower, upper, hint)
 
 
 plans = Exercise("3.5", "Which of these plans is not optimal?", minutes=10)

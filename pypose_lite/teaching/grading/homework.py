@@ -24,6 +24,7 @@ import nbformat
 
 from ..checks import chapter
 from ..site import exercises as labs
+from ..site.needs import needs_in
 from .key import Key, checks_in, key_of
 from .with_nbgrader import answer_cell, check_cell
 
@@ -78,6 +79,10 @@ def chosen(sources: dict[str, str], numbers: list[str]) -> dict[str, str]:
     there = {n for text in kept.values() for n, _ in labs.HEADING.findall(text)}
     if missing := sorted(set(numbers) - there):
         raise ValueError(f"only: expected numbers of exercises such as 3.1, got {missing}")
+    for text in sources.values():
+        for number, others in needs_in(text).items():
+            if number in numbers and (missing := [n for n in others if n not in numbers]):
+                raise ValueError(f"only: {number} uses cells of {', '.join(missing)}; add them")
     return kept
 
 

@@ -63,7 +63,8 @@ def stage(executed: Path, target: Path, only: str = "*") -> None:
         plain[f"{page}.ipynb"] = nbformat.writes(for_download(notebook, rewrite))
     for page, path in texts().items():
         if fnmatch(page, only) or page in contents.BESIDE:
-            text = linked(Numbers(page, claims, strict).fill(path.read_text()), page, on_site)
+            text = with_syllabus(path.read_text(encoding="utf-8"))
+            text = linked(Numbers(page, claims, strict).fill(text), page, on_site)
             if page == "benchmarks":
                 from . import speed  # draws, from the page's tables
 
@@ -85,6 +86,15 @@ def made(only: str = "*") -> dict[str, str]:
     pages |= {f"{page}.md": api.page(page) for page in api.pages() if f"file: {page}\n" in toc}
     pages |= {path.name: path.read_text(encoding="utf-8") for path in BOOK.glob("*.bib")}
     return pages | {"_config.yml": config.merged(), "_toc.yml": toc}
+
+
+def with_syllabus(text: str) -> str:
+    """The text with the tables of lessons and exercises where it asks for them."""
+    if "<!-- syllabus:" in text:
+        from . import syllabus  # asks the checks, which need torch
+
+        text = syllabus.filled(text)
+    return text
 
 
 def with_lists(text: str, claims: dict) -> str:

@@ -136,7 +136,7 @@ def test_a_lesson_runs_in_jupyterlab_reads_as_on_the_page_and_its_sliders_comput
     words = text(page)
     assert not ROLE.search(words)
     own = page.locator("span.claim[title]:not([title*='.'])")
-    playwright.expect(own.filter(has_text="…")).to_have_count(0)
+    playwright.expect(own.filter(has_text="…")).to_have_count(0, timeout=60_000)
     shown = page.locator(".jp-CodeCell .jp-InputArea:visible").all_inner_texts()
     assert not any(line.startswith("claim(") for code in shown for line in code.splitlines())
     buttons = page.locator(".lite-button strong").all()

@@ -42,7 +42,7 @@ from IPython.display import display
 
 import pypose_lite as pp
 from pypose_lite import filters, infinity
-from pypose_lite.teaching import animate, claim, plotting, table
+from pypose_lite.teaching import animate, claim, plotting, table, widgets
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -634,13 +634,41 @@ for name in nees:
 # %% [markdown]
 # ## How many particles are enough?
 #
+# Move the slider to see one car's lap by a particle filter with 5 to 1000 particles, beside the
+# EKF. <!-- given: 5 to 1000 particles -->
+
+# %% tags=["hide-input"]
+warnings.filterwarnings("ignore", "PF:")  # the library warns where particles are few
+run = runs["EKF"]
+
+
+def lap_with(N):
+    few = pp.PF(car, Q, R, particles=N)
+    x = run.estimate[0, 0]
+    P = run.P[0, 0]
+    fig, ax = plt.subplots(figsize=(7, 4.4))
+    plotting.infinity_axes(ax, margin=0.45).set_ylim(-1.5, 2.1)
+    ax.plot(*run.x[0, :, :2].mT, color="black", lw=1, label="where the car is")
+    for i in range(run.steps[0]):
+        if i % 2 == 0:
+            plotting.plot_covariance(ax, run.estimate[0, i], run.P[0, i])
+            plotting.plot_covariance(ax, x, P, color=plotting.PURPLE).set_ls("--")
+        x, P = few(x, run.y[0, i], run.u[0, i], P, generator=seed(i))
+    ax.plot([], color=plotting.BLUE, label="EKF, 95 %")
+    ax.plot([], "--", color=plotting.PURPLE, label="PF, 95 %")
+    ax.legend(loc="upper center", ncols=3, fontsize=10)
+    return fig
+
+
+alt = "One lap with the ellipses of the EKF and of a particle filter."
+display(widgets.panels(lap_with, [5, 10, 30, 100, 1000], "particles", alt=alt))
+
+# %% [markdown]
 # We replay the 64 recorded laps with more and more particles.
 #
 # **Predict.** What shows first that there are too few, the error or the NEES?
 
 # %% tags=["answer", "hide-input"]
-warnings.filterwarnings("ignore", "PF:")  # the library warns where particles are few
-run = runs["EKF"]
 S = run.steps.min()
 counts = [5, 10, 30, 100, 300, 1000]
 numbers = []

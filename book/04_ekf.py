@@ -1122,10 +1122,70 @@ claim("smoother_nees", (smoother_nees.mean() - 4).abs() / smoother_half, below=1
 
 # %% [markdown]
 # In mid-lap the smoother's error is {claim}`smoother_share` of the filter's one-step prediction,
-# part of which is the observation `y[i]` itself. It cannot steer, since it needs the future. For a
-# linear system with Gaussian noise it is the best that a recording can say, and equal to one large
-# least-squares problem over all states, all motions and all observations. In the lab you use that
-# as a test of a filter, exact to the last digits.
+# part of which is the observation `y[i]` itself. It cannot steer, since it needs the future.
+#
+# **An exact test.** For a linear system with Gaussian noise all that is known of a run is one large
+# least-squares problem: where it began, each motion, each observation. Solve it whole, without a
+# filter. Its last state is what the filter should say. A cart with 30 steps has 62 unknowns and 92
+# equations, each divided by its standard deviation. <!-- given: 30 steps, 62, 92 -->
+
+# %%
+T_cart = 30
+A_cart = torch.tensor([[1.0, dt], [0.0, 1.0]])
+C_cart = torch.tensor([[1.0, 0.0]])
+seen_at = torch.randn(T_cart, generator=torch.Generator().manual_seed(2))
+M = torch.zeros(2 + 3 * T_cart, 2 * T_cart + 2)
+b = torch.zeros(2 + 3 * T_cart)
+M[:2, :2] = torch.eye(2)  # the start: mean 0, covariance I
+for i in range(T_cart):
+    M[2 + i, 2 * i : 2 * i + 2] = C_cart[0]  # C x[i] = y[i], R = 1
+    b[2 + i] = seen_at[i]
+    rows = slice(2 + T_cart + 2 * i, 4 + T_cart + 2 * i)
+    motion = torch.cat([-A_cart, torch.eye(2)], dim=1)
+    M[rows, 2 * i : 2 * i + 4] = motion / 0.1  # x[i+1] = A x[i], Q = 0.01 I
+all_states = torch.linalg.lstsq(M, b[:, None]).solution[:, 0]
+
+# %%
+cart = pp.LTI(A_cart, torch.zeros(2, 1), C_cart, torch.zeros(1, 1))
+kalman = pp.EKF(cart, 0.01 * torch.eye(2), torch.eye(1))
+x_cart = torch.zeros(2)
+P_filter_now = torch.eye(2)
+for y in seen_at:
+    x_cart, P_filter_now = kalman(x_cart, y[None], torch.zeros(1), P_filter_now)
+print("least squares:", all_states[-2:].tolist())
+print("filter:       ", x_cart.tolist())
+
+# %% tags=["claims"]
+claim("exact_mean", (x_cart - all_states[-2:]).abs().max(), below=1e-9)
+left_over = torch.linalg.inv(M.mT @ M)[-2:, -2:]
+claim("exact_covariance", (P_filter_now - left_over).abs().max(), below=1e-9)
+
+# %% [markdown]
+# They differ by {claim}`exact_mean`, and the covariances by {claim}`exact_covariance`. A wrong
+# sign, transpose or time index would show at once.
+#
+# **Why Joseph's form.** A vague belief meets a precise sensor, with the seven digits of `float32`.
+# On paper $(I - K C) P$ is the same matrix. <!-- given: seven digits -->
+
+# %%
+P_vague = 1e4 * torch.eye(2, dtype=torch.float32)
+C_fine = C_cart.float()
+R_fine = torch.tensor([[1e-6]], dtype=torch.float32)
+K_fine = P_vague @ C_fine.mT @ torch.linalg.inv(C_fine @ P_vague @ C_fine.mT + R_fine)
+rest = torch.eye(2, dtype=torch.float32) - K_fine @ C_fine
+short_form = rest @ P_vague
+joseph_form = rest @ P_vague @ rest.mT + K_fine @ R_fine @ K_fine.mT
+print("short form:   ", short_form[0, 0].item())
+print("Joseph's form:", joseph_form[0, 0].item())
+
+# %% tags=["claims"]
+claim("short_form", short_form[0, 0], equals=0)
+claim("joseph_form", joseph_form[0, 0], above=5e-7, below=2e-6, unit="m²")
+
+# %% [markdown]
+# The gain rounds to one, and the short form leaves a variance of {claim}`short_form`: the filter
+# claims to *know*, and never listens again. Joseph's form keeps the sensor's variance,
+# {claim}`joseph_form`.
 
 # %% [markdown]
 # ## Summary

@@ -33,6 +33,13 @@ plotting.use_style()
 torch.set_default_dtype(torch.float64)
 
 # %% [markdown]
+# The car of the last exercise hears how far it is from three posts. Here is where they stand:
+# <!-- given: three -->
+
+# %%
+print("posts at (m):", lost_car.POSTS.tolist())
+
+# %% [markdown]
 # ## Exercise 5.1: Sigma points
 #
 # *10 minutes. Warm-up.*

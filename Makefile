@@ -8,17 +8,28 @@
 # make picture               the README's picture, from the opening page
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew
 # make other-tools   the same plan by other tools, recorded for the book's page of them
+# make wheel   the wheel, in dist/; with TAG=v0.1.0 only if that is its version
+# make workflows             lints what .github runs
+# make library, claims, newest: steps of .github/workflows, which say what they are for
 # make clean   removes what these made, .venv excepted
 
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
 .PHONY: book test lab reset exercises homework page picture bench other-tools clean lint chapters site
+.PHONY: install wheel workflows library claims newest
 
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 export OMP_NUM_THREADS ?= 1
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+export PYTHONUTF8 := 1# files and screens are UTF-8, in any locale
+export PYTHONPATH := $(CURDIR)# not packages of ROS and the like, which are for another Python
+unexport PYTHONHOME MPLBACKEND# a kernel has a backend of its own, which shows figures
+ifneq ($(shell test -w "$$HOME" && echo yes),yes)# what is kept between runs needs a place
+export HOME := $(CURDIR)/build/home
+$(shell mkdir -p build/home)
+endif
 
 LIBRARY := $(shell find pypose_lite -path pypose_lite/teaching/site -prune -o \
   \( -name '*.py' -o -name '*.json' \) -print)
@@ -107,6 +118,41 @@ other-tools: .venv/.installed
 
 .venv/.installed-bench .venv/.installed-grading: .venv/.installed
 	@.ci/install $(PYTHON) $(subst .venv/.installed-,,$@)
+
+install: .venv/.installed
+
+wheel:
+	test -z "$(TAG)" || grep -q "^__version__ = \"$(TAG:v%=%)\"$$" pypose_lite/__init__.py
+	$(PYTHON) -m pip wheel --no-deps --wheel-dir dist .
+
+# The library's tests, with the Python that is there: also on systems where .venv/bin is not.
+library:
+	$(PYTHON) -m pip install -c constraints.txt -e '.[test]'
+	$(PYTHON) -m pytest tests -q -m "not wall_clock" $(addprefix --ignore=tests/,book teaching exercises)
+
+# The claims of this checkout beside those of BASE, as a table; only the table is printed.
+claims: .venv/.installed
+	@git worktree add --force --detach build/base $(BASE) >&2
+	@cd build/base && PYTHONPATH=$$PWD CLAIMS=$$PWD/build/claims pytest book $(wildcard solutions) -q -n 2 \
+		--dist loadfile >&2 || true
+	@git worktree list >&2
+	@python -m pypose_lite.teaching.site.scoreboard --changes build/base/build/claims build/claims
+	@git worktree remove --force build/base
+
+# All checks with the newest of everything (WHAT=all), or of torch alone (WHAT=torch).
+WHAT ?= all
+newest:
+	$(PYTHON) -m venv --clear .venv.newest
+	@mkdir -p build
+	if [ $(WHAT) = torch ]; then grep -v '^torch==' constraints.txt; fi > build/newest.txt
+	.venv.newest/bin/python -m pip install --quiet -c build/newest.txt -e '.[book,test]'
+	PATH=$(CURDIR)/.venv.newest/bin:$$PATH; pytest book $(wildcard solutions) -q -n 2 --dist loadfile && \
+		pytest tests -q -n 2 --dist loadfile -m "not wall_clock"
+
+workflows: .venv/.installed
+	@mkdir -p build/workflows && cp .ci/workflows/* build/workflows
+	@cd build/workflows && { test -d node_modules || npm ci --ignore-scripts --no-audit --no-fund --loglevel=error; }
+	@node build/workflows/lint.mjs .github/workflows/*.yml
 
 clean:
 	rm -rf build

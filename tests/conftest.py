@@ -30,7 +30,7 @@ def g():
 def wheel(tmp_path_factory):
     """The wheel, built from a copy of what is in the repository."""
     source = tmp_path_factory.mktemp("source")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "LICENSE-prose"):
         shutil.copy(ROOT / name, source)
     ignore = shutil.ignore_patterns("__pycache__")
     shutil.copytree(ROOT / "pypose_lite", source / "pypose_lite", ignore=ignore)

@@ -12,7 +12,7 @@ import pypose_lite
 
 FOLDER = Path(pypose_lite.__file__).parent
 FILES = {
-    str(path.relative_to(FOLDER)): path.read_text()
+    str(path.relative_to(FOLDER)): path.read_text(encoding="utf-8")
     for path in sorted(FOLDER.rglob("*.py"))
     if "teaching" not in path.parts
 }

@@ -30,7 +30,7 @@ def install(tmp_path):
 
     def run(script, *extra, pip_says=""):
         python = tmp_path / "python"
-        python.write_text(f"#!/bin/sh\n{script}\n")
+        python.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
         python.chmod(0o755)
         command = [".ci/install", "./python", *extra]
         env = os.environ | {"PIP_SAYS": pip_says}
@@ -41,10 +41,21 @@ def install(tmp_path):
     return run
 
 
+def make(folder, line, **env):
+    """What a target of our Makefile prints that is this one line."""
+    text = f"include {ROOT / 'Makefile'}\nshow:\n\t@{line}\n"
+    (folder / "Makefile").write_text(text, encoding="utf-8")
+    command = ["make", "-s", "-C", str(folder), "show"]
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | env
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
 def log(folder):
     """What the stand-in for Python was asked for."""
     path = folder / "log"
-    return path.read_text().splitlines() if path.exists() else []
+    return path.read_text(encoding="utf-8").splitlines() if path.exists() else []
 
 
 @pytest.mark.parametrize(
@@ -121,3 +132,31 @@ def test_make_installs_nothing_a_second_time(tmp_path):
     assert subprocess.run(command, cwd=tmp_path, timeout=60).returncode == 0
     (tmp_path / "pyproject.toml").touch()
     assert subprocess.run(command, cwd=tmp_path, timeout=60).returncode == 1
+
+
+def test_packages_of_another_python_are_not_seen(tmp_path):
+    ros = {"PYTHONPATH": "/opt/ros/lib/python3.8/site-packages", "PYTHONHOME": "/opt/ros"}
+    assert make(tmp_path, "echo $$PYTHONPATH $$PYTHONHOME", **ros) == str(tmp_path)
+
+
+def test_a_readers_backend_for_figures_is_not_that_of_the_book(tmp_path):
+    assert make(tmp_path, "echo [$$MPLBACKEND]", MPLBACKEND="Agg") == "[]"
+
+
+def test_a_home_that_cannot_be_written_is_replaced_by_a_folder_in_build(tmp_path):
+    assert make(tmp_path, "echo $$HOME", HOME="/nonexistent") == str(tmp_path / "build" / "home")
+    assert (tmp_path / "build" / "home").is_dir()
+    assert make(tmp_path, "echo $$HOME", HOME=str(tmp_path)) == str(tmp_path)
+
+
+def test_pip_installs_into_the_environment_whatever_the_user_has_set(
+    tmp_path, monkeypatch, install
+):
+    for name in ("PYTHONPATH", "PIP_TARGET", "PIP_PREFIX"):
+        monkeypatch.setenv(name, "/opt/ros")
+    monkeypatch.setenv("PIP_USER", "1")
+    shows = PYTHON.replace('echo "pip $*" >> log', "env >> log")
+    assert install(shows).returncode == 0
+    seen = {line for line in log(tmp_path) if line.startswith(("PIP_", "PYTHON"))}
+    assert {"PIP_USER=0", "PYTHONNOUSERSITE=1"} <= seen
+    assert not [line for line in seen if "/opt/ros" in line]

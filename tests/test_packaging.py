@@ -15,8 +15,8 @@ from packaging.utils import canonicalize_name
 import pypose_lite
 
 ROOT = Path(__file__).parent.parent
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-LINES = (ROOT / "constraints.txt").read_text().splitlines()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LINES = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
 PINS = {
     canonicalize_name(name): version
     for name, version in (line.split("==") for line in LINES if "==" in line)

@@ -47,7 +47,8 @@ def topics(benchmarks: list[dict]) -> Iterator[str]:
             if benchmark["fullname"].startswith(path):
                 groups.setdefault(benchmark["group"], []).append(benchmark)
         if groups:
-            yield f"## {title}\n\n{ast.get_docstring(ast.parse((ROOT / path).read_text()))}"
+            source = (ROOT / path).read_text(encoding="utf-8")
+            yield f"## {title}\n\n{ast.get_docstring(ast.parse(source))}"
         for group, rows in groups.items():
             yield f"### {group}\n\n{table(rows)}"
 
@@ -95,7 +96,7 @@ def excess(worse: float) -> str:
 
 
 if __name__ == "__main__":
-    record, page = json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])
+    record, page = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")), Path(sys.argv[2])
     text = PAGE.format(
         cpu=record["machine_info"]["cpu"].get("brand_raw", platform.processor()),
         python=platform.python_version(),
@@ -103,5 +104,5 @@ if __name__ == "__main__":
         date=record["datetime"][:10],
         topics="\n\n".join(topics(record["benchmarks"])),
     )
-    page.write_text(text)
+    page.write_text(text, encoding="utf-8")
     print(text)

@@ -75,7 +75,7 @@ def _compiler() -> str:
 def _processor() -> str:
     """Returns what the processor can do; code for another one may not run on it."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
     wanted = ("model name", "flags", "Features", "CPU part")
@@ -99,7 +99,7 @@ def _kept(folder: Path, key: str) -> ctypes.CDLL | None:
     """Returns a library that was kept, where it is whole."""
     path = folder / f"{key}.so"
     try:
-        digest = (folder / f"{key}.sha256").read_text()
+        digest = (folder / f"{key}.sha256").read_text(encoding="utf-8")
         if digest != hashlib.sha256(path.read_bytes()).hexdigest():
             return None
         return ctypes.CDLL(str(path))
@@ -113,7 +113,7 @@ def _make(text: str, key: str, what: str, folder: Path | None) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory() as place:
         made = Path(place) / f"{key}.so"
         code = made.with_suffix(".cpp")
-        code.write_text(text)
+        code.write_text(text, encoding="utf-8")
         for options in (OPTIONS, [option for option in OPTIONS if option != NATIVE]):
             command = [compiler(), *options, str(code), "-o", str(made), *LIBRARIES]
             run = subprocess.run(command, capture_output=True, text=True)
@@ -133,7 +133,7 @@ def _make(text: str, key: str, what: str, folder: Path | None) -> ctypes.CDLL:
 def _keep(made: Path, folder: Path) -> None:
     """Puts a library into the folder, whole or not at all, and then its digest."""
     digest = made.with_suffix(".sha256")
-    digest.write_text(hashlib.sha256(made.read_bytes()).hexdigest())
+    digest.write_text(hashlib.sha256(made.read_bytes()).hexdigest(), encoding="utf-8")
     for path in (made, digest):
         handle, name = tempfile.mkstemp(dir=folder)
         os.close(handle)

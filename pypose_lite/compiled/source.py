@@ -50,7 +50,7 @@ def source(kinds: Sequence[Kind], n: int, m: int, dtype: torch.dtype, many: bool
 
 @cache
 def _text(name: str) -> str:
-    return (Path(__file__).parent / name).read_text()
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
 
 
 def _kind(kind: int, entries: tuple, next_state: Sequence[int], n: int, m: int) -> str:

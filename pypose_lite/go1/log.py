@@ -85,7 +85,7 @@ class Log:
 
     def open(self) -> None:
         """Makes the file."""
-        self._file = file = open(self.path, self._mode, newline="")
+        self._file = file = open(self.path, self._mode, newline="", encoding="utf-8")
         self._writer = csv.writer(file)
         self._writer.writerow(Row._fields)
 

@@ -34,6 +34,12 @@ def _tutorial() -> Any:
     class Tutorial(nbval.plugin.IPyNbFile):
         """A notebook kept as a jupytext text file."""
 
+        def setup(self):
+            """Starts the kernel, which chooses the backend that shows figures itself."""
+            with mock.patch.dict(os.environ):
+                os.environ.pop("MPLBACKEND", None)
+                super().setup()
+
         def collect(self):
             """Returns one test a code cell, and the proofreading at the end."""
             self.compare_outputs = False  # claims say what has to be; outputs may differ

@@ -28,9 +28,9 @@ def run_book(tmp_path_factory):
         for name in ("pyproject.toml",):
             shutil.copy(ROOT / name, root)
         for name, cells in chapters.items():
-            (root / "book" / name).write_text(HEADER + cells)
+            (root / "book" / name).write_text(HEADER + cells, encoding="utf-8")
         for name, cells in (labs or {}).items():
-            (root / "solutions" / name).write_text(HEADER + cells)
+            (root / "solutions" / name).write_text(HEADER + cells, encoding="utf-8")
         command = [sys.executable, "-m", "pytest", "book", "solutions", "-q", "--color=no"]
         env = os.environ | {"PYTEST_ADDOPTS": ""}
         done = subprocess.run(

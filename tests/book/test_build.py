@@ -22,7 +22,7 @@ def chapter(tmp_path):
 
     def write(*cells):
         path = tmp_path / "x.py"
-        path.write_text(HEADER + "".join(cells))
+        path.write_text(HEADER + "".join(cells), encoding="utf-8")
         return path
 
     return write
@@ -55,6 +55,41 @@ def test_a_chapter_that_does_not_hold_ends_the_build_without_a_traceback(chapter
     assert done.returncode == 1
     assert "x.py: does not pass its proofreading:" in done.stderr
     assert "/x.py:6: prose states '0.21 m'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+PLOT = """\
+# %% tags=["setup"]
+import matplotlib.pyplot as plt
+from pypose_lite.teaching.claims import claim
+# %%
+_ = plt.plot([0, 1])
+plt.show()
+# %% tags=["claims"]
+claim("a", 0.5, below=1)
+"""
+WHAT_TO_DO = "most often because memory ran out: close other programs, run it again"
+
+
+def test_a_figure_is_there_whatever_backend_the_reader_has_set(chapter, tmp_path, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    with pytest.raises(ValueError, match="a figure without an alternative text"):  # one is there
+        execute.execute(chapter(PLOT), tmp_path / "out.ipynb")
+
+
+def test_a_figure_that_does_not_appear_ends_the_build(chapter, tmp_path):
+    use = "import matplotlib\nmatplotlib.use('Agg')\nimport matplotlib.pyplot"
+    no_screen = PLOT.replace("import matplotlib.pyplot", use)
+    with pytest.raises(ValueError, match="no figure came of plt.show"):
+        execute.execute(chapter(no_screen), tmp_path / "out.ipynb")
+
+
+def test_a_kernel_that_dies_is_said_in_one_line_with_what_to_do(chapter, tmp_path):
+    dies = chapter("# %%\nimport os\nos._exit(1)\n")
+    command = [sys.executable, "-m", execute.__name__, dies, tmp_path / "out.ipynb"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    *_, line = done.stderr.splitlines()
+    assert line.endswith(f"x.py: its kernel died, {WHAT_TO_DO}")
     assert "Traceback" not in done.stderr
 
 
@@ -107,7 +142,7 @@ def test_pages_that_have_not_changed_are_not_touched_and_old_ones_go(tmp_path):
     before = (tmp_path / "a.md").stat().st_mtime_ns
     stage.put({"a.md": "one", "c.md": "three"}, tmp_path)
     assert (tmp_path / "a.md").stat().st_mtime_ns == before
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+    assert {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()} == {
         "a.md": "one",
         "c.md": "three",
     }
@@ -136,6 +171,24 @@ def test_runs_that_agree_have_nothing_to_report():
 def test_numbers_that_do_not_repeat_are_reported(second, report):
     [line] = scoreboard.unrepeated(CLAIMS, second)
     assert line.startswith(report)
+
+
+def test_a_pull_request_is_told_which_claims_changed():
+    timed = Claim("seconds", 1.0, "below 9 s", "s", varies=True)
+    before = CLAIMS | {("03_mpc", "seconds"): timed}
+    now = {
+        ("03_mpc", "error"): CAR,
+        ("03_mpc", "steps"): Claim("steps", 49, "below 60"),
+        ("03_mpc", "new"): Claim("new", True, "equal to yes"),
+        ("03_mpc", "seconds"): Claim("seconds", 2.0, "below 9 s", "s", varies=True),
+    }
+    assert scoreboard.changes(before, now).splitlines()[0::2][:1] == ["3 claims changed."]
+    assert scoreboard.changes(before, now).splitlines()[4:] == [
+        "| 03_mpc.new | none | yes | equal to yes |",
+        "| 03_mpc.steps | 48 | 49 | below 60 |",
+        "| 04_ekf.error | 48 | none | below 60 |",
+    ]
+    assert scoreboard.changes(now, now) == "No claim changed."
 
 
 def test_durations_may_vary():

@@ -12,8 +12,8 @@ def test_left_are_the_notebooks_that_this_run_has_not_made_yet(tmp_path):
     made, old, missing = (tmp_path / f"{name}.ipynb" for name in ("made", "old", "missing"))
     todo = tmp_path / ".todo"
     for path in (old, todo, made):
-        path.write_text("")
-    todo.write_text(f"{made}\n{old}\n{missing}\n")
+        path.write_text("", encoding="utf-8")
+    todo.write_text(f"{made}\n{old}\n{missing}\n", encoding="utf-8")
     now = time.time()
     for path, age in ((old, 60), (todo, 30), (made, 10)):
         os.utime(path, (now - age, now - age))
@@ -24,10 +24,10 @@ def test_a_chapter_says_when_it_begins_and_ends_and_how_many_are_to_go(
     tmp_path, capsys, monkeypatch
 ):
     target, todo = tmp_path / "03_mpc.ipynb", tmp_path / ".todo"
-    todo.write_text(f"{target}\n{tmp_path / 'other.ipynb'}\n")
+    todo.write_text(f"{target}\n{tmp_path / 'other.ipynb'}\n", encoding="utf-8")
 
     def made(chapter, target):
-        target.write_text("")
+        target.write_text("", encoding="utf-8")
         return "03_mpc: 5 claims hold (9 s)"
 
     monkeypatch.setattr(execute, "execute", made)

@@ -139,6 +139,12 @@ def test_numbers_that_are_not_known_yet_have_a_place_for_the_kernels(tmp_path):
 def test_jupyterlab_asks_no_question_about_news(tmp_path):
     environment = lab.settings(tmp_path / "config")
     file = tmp_path / "config" / "labconfig" / "default_setting_overrides.json"
-    written = json.loads(file.read_text())
+    written = json.loads(file.read_text(encoding="utf-8"))
     assert environment == {"JUPYTER_CONFIG_DIR": str(tmp_path / "config")}
     assert written["@jupyterlab/apputils-extension:notification"]["fetchNews"] == "false"
+
+
+@pytest.mark.parametrize(("user", "allowed"), [(0, True), (1000, False)])
+def test_jupyterlab_starts_for_root_too(monkeypatch, user, allowed):
+    monkeypatch.setattr(lab.os, "geteuid", lambda: user)
+    assert ("--allow-root" in lab.command()) is allowed

@@ -48,7 +48,7 @@ def server():
 @cache
 def soup(path):
     """The page as a tree."""
-    return BeautifulSoup(path.read_text(), "html.parser")
+    return BeautifulSoup(path.read_text(encoding="utf-8"), "html.parser")
 
 
 def inner_links(path):
@@ -94,7 +94,9 @@ def test_every_chapter_is_there_as_a_notebook_with_outputs(name):
 def test_the_scoreboard_has_every_claim_of_every_chapter():
     paper, *chapters = soup(HTML / "scoreboard.html").find("article").find_all("table")
     rows = [row for table in chapters for row in table.find_all("tr")[1:]]
-    claims = sum(notebooks()[name].read_text().count("\nclaim(") for name in CHAPTERS)
+    claims = sum(
+        notebooks()[name].read_text(encoding="utf-8").count("\nclaim(") for name in CHAPTERS
+    )
     assert len(rows) >= claims > 0
     assert 0 < len(paper.find_all("tr")) < len(rows) / 5
 
@@ -108,7 +110,7 @@ def test_the_scoreboard_leads_to_the_cell_of_each_claim():
 @pytest.mark.parametrize("name", LESSONS)
 def test_answers_are_folded_with_all_that_belongs_to_them(name):
     answers = soup(HTML / f"{name}.html").find_all("details", class_="answer")
-    asked = notebooks()[name].read_text().count("**Predict.**")
+    asked = notebooks()[name].read_text(encoding="utf-8").count("**Predict.**")
     assert len(answers) == asked
     for answer in answers:
         assert answer.find("div", class_="cell") and not answer.has_attr("open")
@@ -122,7 +124,7 @@ def test_every_picture_says_in_words_what_it_shows(name):
 
 @pytest.mark.parametrize("name", CHAPTERS)
 def test_the_notebook_has_the_equation_numbers_of_the_page(name):
-    source = notebooks()[name].read_text()
+    source = notebooks()[name].read_text(encoding="utf-8")
     for label, number in all_equations().items():
         if f"({label})" in source:
             equation = soup(HTML / f"{name}.html").find(id=f"equation-{label}")

@@ -407,7 +407,7 @@ def test_torchs_private_names_stand_in_the_engine_and_in_one_other_place():
     found = [
         path.relative_to(library_code).as_posix()
         for path in library_code.rglob("*.py")
-        if private.search(path.read_text())
+        if private.search(path.read_text(encoding="utf-8"))
     ]
     assert {path for path in found if not path.startswith("compiled/")} == {"shapes.py"}
 

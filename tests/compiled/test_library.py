@@ -88,7 +88,9 @@ def truncate(path):
 def replace(folder):
     """What is whole, and no library."""
     kept(folder, ".so").write_bytes(b"no library")
-    kept(folder, ".sha256").write_text(library.hashlib.sha256(b"no library").hexdigest())
+    kept(folder, ".sha256").write_text(
+        library.hashlib.sha256(b"no library").hexdigest(), encoding="utf-8"
+    )
 
 
 DAMAGE = {
@@ -98,7 +100,7 @@ DAMAGE = {
     "no library at all": replace,
     "no digest": lambda folder: kept(folder, ".sha256").unlink(),
     "gone": lambda folder: kept(folder, ".so").unlink(),
-    "another digest": lambda folder: kept(folder, ".sha256").write_text("0" * 64),
+    "another digest": lambda folder: kept(folder, ".sha256").write_text("0" * 64, encoding="utf-8"),
 }
 
 
@@ -125,7 +127,7 @@ def test_a_folder_of_somebody_else_is_not_used(monkeypatch, made):
 
 
 def test_without_a_folder_it_lasts_as_long_as_the_process(monkeypatch, made, tmp_path):
-    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
     monkeypatch.setenv("PYPOSE_LITE_CACHE", str(tmp_path / "file" / "kept"))
     for _ in range(2):
         assert library.load(ANSWER, "an answer").answer() == 42

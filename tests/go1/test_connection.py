@@ -126,14 +126,14 @@ def test_a_closed_robot_says_so_whatever_is_asked(call):
 
 def test_a_log_is_not_touched_while_no_state_comes(tmp_path):
     path = tmp_path / "run.csv"
-    path.write_text("precious")
+    path.write_text("precious", encoding="utf-8")
     deaf = go1.Simulation(faults=go1.Faults(loss=1.0))
     for address, simulation in (("sim", deaf), ("sim", None)):
         with pytest.raises(FileExistsError, match="run.csv is there already; overwrite=True"):
             go1.connect(address, log=path, simulation=simulation)
     with pytest.raises(go1.RobotTimeout):
         go1.connect("sim", log=path, overwrite=True, simulation=deaf)
-    assert path.read_text() == "precious"
+    assert path.read_text(encoding="utf-8") == "precious"
     with go1.connect("sim", log=path, overwrite=True) as robot:
         robot.wait(0.1)
     assert go1.read_log(path)[0].t == 0.0

@@ -39,7 +39,7 @@ def test_a_log_has_a_row_for_every_new_state(run):
 
 
 def test_a_log_opens_in_any_tool_that_reads_csv(run):
-    with open(run[0], newline="") as file:
+    with open(run[0], newline="", encoding="utf-8") as file:
         first = next(csv.DictReader(file))
     assert set(first) == set(Row._fields) and float(first["soc"]) == 89
 
@@ -71,7 +71,7 @@ def test_a_replay_of_a_robot_that_stands_still_goes_on(tmp_path):
     path = tmp_path / "still.csv"
     row = Row(0, 1, 2, 0.5, 0, 0, 0, 0, 0, 0, 0, 0.28, 50)
     lines = [",".join(map(str, row._replace(t=0.02 * tick))) for tick in range(200)]
-    path.write_text("\n".join([",".join(Row._fields), *lines]))
+    path.write_text("\n".join([",".join(Row._fields), *lines]), encoding="utf-8")
     with go1.connect(f"replay:{path}") as robot:
         for _ in range(35):
             robot.wait(0.1)
@@ -109,7 +109,7 @@ def test_a_replay_can_be_logged_and_the_log_is_the_recording(run, tmp_path):
 )
 def test_a_file_that_is_no_log_is_refused_with_its_line(tmp_path, text, message):
     path = tmp_path / "bad.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=message):
         go1.connect(f"replay:{path}")
 
@@ -149,7 +149,7 @@ def test_what_a_spreadsheet_makes_of_a_log_is_read(tmp_path, changed):
 @pytest.mark.parametrize("length", [1, 9, 30, 100])
 def test_a_last_row_that_was_cut_off_is_left_out_with_a_warning(tmp_path, length):
     path = tmp_path / "run.csv"
-    path.write_text(f"{HEAD}\n{cells()}\n{cells(t='2.000000')[:length]}")
+    path.write_text(f"{HEAD}\n{cells()}\n{cells(t='2.000000')[:length]}", encoding="utf-8")
     with pytest.warns(UserWarning, match=r"run.csv: line 3 is no row .* it was cut off"):
         rows = go1.read_log(path)
     assert [row.t for row in rows] == [1.0]
@@ -157,14 +157,14 @@ def test_a_last_row_that_was_cut_off_is_left_out_with_a_warning(tmp_path, length
 
 def test_a_row_that_is_short_in_the_middle_is_no_crash_and_is_refused(tmp_path):
     path = tmp_path / "run.csv"
-    path.write_text(f"{HEAD}\n{cells()}\n1,2,3\n{cells()}")
+    path.write_text(f"{HEAD}\n{cells()}\n1,2,3\n{cells()}", encoding="utf-8")
     with pytest.raises(ValueError, match="run.csv: line 3 is no row"):
         go1.read_log(path)
 
 
 def test_a_file_from_before_the_new_columns_is_read(tmp_path):
     path = tmp_path / "run.csv"
-    path.write_text(f"{','.join(OLD_FIELDS)}\n{','.join(['1'] * 13)}\n")
+    path.write_text(f"{','.join(OLD_FIELDS)}\n{','.join(['1'] * 13)}\n", encoding="utf-8")
     (row,) = go1.read_log(path)
     assert row.soc == 1.0 and row.roll == row.age == row.target == 0.0
 

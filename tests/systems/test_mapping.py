@@ -243,13 +243,13 @@ def test_what_cannot_be_mapped_warns_once_and_names_the_line_and_the_reason(func
     assert len(own) == 1 and issubclass(own[0].category, UserWarning)
     assert own[0].filename == __file__
     text, line, reason = str(own[0].message), *LOOPED[function]
-    number = open(__file__).read().splitlines().index("    " + line_of(line)) + 1
+    number = open(__file__, encoding="utf-8").read().splitlines().index("    " + line_of(line)) + 1
     assert "state_transition of Written" in text and reason in text
     assert f"line {number} of test_mapping.py, `{line}" in text and own[0].lineno == number
 
 
 def line_of(start):
-    lines = (line.strip() for line in open(__file__))
+    lines = (line.strip() for line in open(__file__, encoding="utf-8"))
     return next(line for line in lines if line.startswith(start))
 
 

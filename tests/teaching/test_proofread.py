@@ -18,6 +18,7 @@ from pypose_lite.teaching.proofread.shown import (
     claims_in_their_cells,
     claims_twice,
     claims_unmade,
+    figures_that_are_not_there,
     figures_without_claim,
     figures_without_text,
     refused_answers,
@@ -410,7 +411,7 @@ def chapter(tmp_path):
     def write(source, name="10_new.py"):
         path = tmp_path / "book" / name
         path.parent.mkdir(exist_ok=True)
-        path.write_text(source)
+        path.write_text(source, encoding="utf-8")
         return complaints(lesson(source), path)
 
     return write
@@ -471,3 +472,24 @@ def test_a_check_that_refuses_its_solution_is_a_fault(state):
 )
 def test_the_minutes_of_an_exercise_are_given(prose, found):
     assert len(list(measured_numbers(notebook(prose)))) == found
+
+
+@pytest.mark.parametrize(
+    "call", ["plotting.show(fig, 'A.')", "plt.show()", "widgets.panels(draw, [1], 'x', alt='A.')"]
+)
+def test_a_cell_that_shows_a_figure_and_has_none_is_found(call):
+    [fault] = figures_that_are_not_there(program(f"x = 1\n{call}"))
+    assert (fault.line, fault.text.split("(")[0]) == (1, f"no figure came of {call.split('(')[0]}")
+
+
+@pytest.mark.parametrize(
+    "code", ["def draw():\n    plt.show()", "show(report)", "draw = lambda: plt.show()"]
+)
+def test_a_cell_that_shows_nothing_yet_is_not_complained_about(code):
+    assert list(figures_that_are_not_there(program(code))) == []
+
+
+def test_a_cell_with_its_figure_is_not_complained_about():
+    lesson = program("plotting.show(fig, 'A.')")
+    lesson.cells[-1].outputs = [PICTURE]
+    assert list(figures_that_are_not_there(lesson)) == []

@@ -20,6 +20,7 @@ OLD_FORM = frozenset(["09_go1"])
 ALWAYS = [
     prose.measured_numbers,
     shown.figures_without_claim,
+    shown.figures_that_are_not_there,
     shown.claims_twice,
     shown.claims_unmade,
     shown.refused_answers,

@@ -30,7 +30,7 @@ def cell_lines(path: Path | None, cells: int) -> list[int]:
     """The line of the source, from 1, where the text of each of its cells begins."""
     if path is None or not path.exists():
         return []
-    source = path.read_text()
+    source = path.read_text(encoding="utf-8")
     lines = []
     for found in CELL.finditer(source):
         text = source[found.start() :].split("\n", 1)[-1]

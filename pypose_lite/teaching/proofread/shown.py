@@ -15,6 +15,8 @@ PICTURE = re.compile(r"image/|video/")
 ELEMENT = re.compile(r"<(?:img|svg|video)\b[^>]*>")
 ALT = re.compile(r"\balt=([\"'])[^\"']*\w.*?\1")
 DRAWERS = {"panels", "live", "animate"}  # functions of teaching that show, and take an alt=
+SHOWERS = {"plotting.show", "figures.show", "plt.show"}
+SHOWERS |= {"widgets.panels", "widgets.live", "animate"}
 COMPUTES = (
     ast.Assign | ast.AugAssign | ast.AnnAssign | ast.For | ast.If | ast.With | ast.FunctionDef
 )
@@ -49,6 +51,17 @@ def figures_without_text(notebook: Any) -> Iterator[Fault]:
         for call in ast.walk(parsed(cell)):
             if isinstance(call, ast.Call) and _name(call) in DRAWERS and not _has_text(call):
                 text = f'{_name(call)} without an alternative text: alt="what it shows"'
+                yield Fault(k, call.lineno - 1, text)
+
+
+def figures_that_are_not_there(notebook: Any) -> Iterator[Fault]:
+    """Yields each cell that shows a figure, by its code, and has none among its outputs."""
+    for k, cell in code_cells(notebook):
+        if any(map(_is_figure, cell.get("outputs", []))):
+            continue
+        for call in _calls_at_once(parsed(cell)):
+            if (name := ast.unparse(call.func)) in SHOWERS:
+                text = f"no figure came of {name}(...): set no backend, and show it in this cell"
                 yield Fault(k, call.lineno - 1, text)
 
 
@@ -101,6 +114,17 @@ def _claimed(cell: Any) -> list[str]:
     """The names of the claims in a cell's outputs."""
     records = (output.get("metadata", {}).get("claim") for output in cell.get("outputs", []))
     return [record["name"] for record in records if record]
+
+
+def _calls_at_once(tree: ast.Module) -> Iterator[ast.Call]:
+    """The calls that a cell makes when it runs: those within its functions come later, or never."""
+    later = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Lambda
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Call):
+            yield node
+        waiting += [child for child in ast.iter_child_nodes(node) if not isinstance(child, later)]
 
 
 def _is_claim(statement: ast.AST) -> bool:

@@ -72,7 +72,7 @@ def build(page: str) -> None:
 
 def run(only: str) -> None:
     """Runs the notebooks that have changed since they were run; the site shows no others."""
-    from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+    from nbclient.exceptions import CellExecutionError, CellTimeoutError
 
     from .execute import execute
     from .pages import ROOT, notebooks
@@ -89,7 +89,7 @@ def run(only: str) -> None:
             continue
         try:
             print(execute(source, target), flush=True)
-        except (CellExecutionError, CellTimeoutError, DeadKernelError, ValueError) as error:
+        except (CellExecutionError, CellTimeoutError, ValueError) as error:
             raise ValueError(f"{source}: {error}") from None
 
 

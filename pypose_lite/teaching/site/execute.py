@@ -7,6 +7,7 @@ does not pass its proofreading. LIST is a file with the list of all notebooks to
 run, a line each; then each chapter says when it begins and ends, and how many are left.
 """
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -20,6 +21,7 @@ from ..claims import claims_in
 from ..proofread import complaints
 
 CELL_SECONDS = 120
+DEAD = "its kernel died, most often because memory ran out: close other programs, run it again"
 
 
 def execute(chapter: Path, target: Path) -> str:
@@ -28,9 +30,11 @@ def execute(chapter: Path, target: Path) -> str:
     notebook = jupytext.read(chapter)
     folder = {"metadata": {"path": str(chapter.parent)}}
     quiet = ["--log-level=ERROR"]
-    NotebookClient(
-        notebook, timeout=CELL_SECONDS, resources=folder, extra_arguments=quiet
-    ).execute()
+    client = NotebookClient(notebook, timeout=CELL_SECONDS, resources=folder, extra_arguments=quiet)
+    try:
+        client.execute(env=kernel_environment())
+    except DeadKernelError:
+        raise ValueError(DEAD) from None
     if wrong := complaints(notebook, chapter):
         raise ValueError("\n  ".join(["does not pass its proofreading:", *wrong]))
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -39,10 +43,15 @@ def execute(chapter: Path, target: Path) -> str:
     return f"{chapter.stem}: {len(claims_in(notebook))} claims hold ({seconds:.0f} s)"
 
 
+def kernel_environment() -> dict[str, str]:
+    """The environment for a kernel: it chooses the backend that shows figures itself."""
+    return {key: value for key, value in os.environ.items() if key != "MPLBACKEND"}
+
+
 def left(todo: Path) -> int:
     """How many notebooks of the list have not been made since the list was."""
     began = todo.stat().st_mtime
-    paths = [Path(line) for line in todo.read_text().split()]
+    paths = [Path(line) for line in todo.read_text(encoding="utf-8").split()]
     return sum(not path.exists() or path.stat().st_mtime < began for path in paths)
 
 
@@ -58,5 +67,5 @@ if __name__ == "__main__":
     chapter, *paths = map(Path, sys.argv[1:])
     try:
         main(chapter, *paths)
-    except (CellExecutionError, CellTimeoutError, DeadKernelError, ValueError) as error:
+    except (CellExecutionError, CellTimeoutError, ValueError) as error:
         sys.exit(f"{chapter}: {error}")

@@ -78,7 +78,7 @@ def stage(executed: Path, lab: Path) -> None:
         record[name] = new
     for name in set(record) - set(made):
         forget(lab / name, record.pop(name))
-    (lab / RECORD).write_text(json.dumps(record, indent=1))
+    (lab / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
     if kept:
         print("Left as you changed them: " + ", ".join(kept))
 
@@ -105,7 +105,7 @@ def reset(executed: Path, lab: Path, wanted: str) -> None:
         print(f"Yours is now {mine}")
     write(path, made[name])
     record[name] = text_of(made[name])
-    (lab / RECORD).write_text(json.dumps(record, indent=1))
+    (lab / RECORD).write_text(json.dumps(record, indent=1), encoding="utf-8")
     print(f"{path} is as it was")
 
 
@@ -126,7 +126,7 @@ def write(path: Path, notebook) -> None:
 def read_record(lab: Path) -> dict[str, str]:
     """What was written last time, by file."""
     path = lab / RECORD
-    return json.loads(path.read_text()) if path.exists() else {}
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def text_of(notebook) -> str:
@@ -139,13 +139,15 @@ def settings(folder: Path) -> dict[str, str]:
     """Writes JupyterLab's settings into a folder of our own; returns the environment for them."""
     file = folder / "labconfig" / "default_setting_overrides.json"
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(SETTINGS, indent=1))
+    file.write_text(json.dumps(SETTINGS, indent=1), encoding="utf-8")
     return {"JUPYTER_CONFIG_DIR": str(folder)}
 
 
 def command(*options: str) -> list[str]:
     """How JupyterLab is started with our extension; it opens the first page."""
     words = [sys.executable, "-m", "jupyterlab", "--ip=127.0.0.1", *options]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        words.append("--allow-root")  # it serves this machine alone
     words += [f"--LabApp.extra_labextensions_path={EXTENSION}", "--LabApp.news_url=None"]
     return [*words, f"--LabApp.default_url=/lab/tree/{START}.ipynb"]
 

@@ -34,7 +34,7 @@ def recorded(folder: Path) -> Claims:
     return {
         (_page(path, folder), record["name"]): Claim(**record)
         for path in sorted(folder.rglob("*.json"))
-        for record in json.loads(path.read_text())
+        for record in json.loads(path.read_text(encoding="utf-8"))
     }
 
 
@@ -81,7 +81,7 @@ def anchor(name: str) -> str:
 
 def title_of(page: str) -> str:
     """The title of a page as it stands in its source."""
-    source = notebooks()[page].read_text() if page in notebooks() else ""
+    source = notebooks()[page].read_text(encoding="utf-8") if page in notebooks() else ""
     found = re.search(r"^# # (.+)$", source, re.MULTILINE)
     return found[1] if found else page
 
@@ -105,7 +105,29 @@ def unrepeated(first: Claims, second: Claims) -> Iterator[str]:
                 yield f"{'.'.join(key)}: {a!r} in one run, {b!r} in the other"
 
 
+def changes(before: Claims, now: Claims) -> str:
+    """The claims that differ, as a table in Markdown, but for those that vary with each run."""
+    lines = ["| claim | before | now | claimed |", "|---|---|---|---|"]
+    for key in sorted({*before, *now}):
+        old, new = before.get(key), now.get(key)
+        latest = new or old
+        if latest and not latest.varies and (not old or not new or not _same(old, new)):
+            told = [each.number if each else "none" for each in (old, new)]
+            lines.append(f"| {'.'.join(key)} | {' | '.join(told)} | {latest.bound} |")
+    count = len(lines) - 2
+    return "\n".join([f"{count} claims changed.", "", *lines]) if count else "No claim changed."
+
+
+def _same(a: Claim, b: Claim) -> bool:
+    """Whether two runs claim the same of a number, and it is the same."""
+    equal = math.isclose(a.value, b.value, rel_tol=1e-6, abs_tol=1e-9)
+    return equal and (a.bound, a.paper) == (b.bound, b.paper)
+
+
 if __name__ == "__main__":
+    if sys.argv[1] == "--changes":
+        print(changes(*(recorded(Path(folder)) for folder in sys.argv[2:])))
+        sys.exit()
     claims = gather(Path(sys.argv[1]))
     if len(sys.argv) == 2:
         print(table(claims))

@@ -159,8 +159,8 @@ def put(pages: dict[str, str], target: Path) -> None:
     for name, text in pages.items():
         path = target / name
         path.parent.mkdir(exist_ok=True)
-        if not path.exists() or path.read_text() != text:
-            path.write_text(text)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
 
 
 def pages_folders(target: Path) -> list[Path]:

@@ -263,10 +263,10 @@ def test_options_that_do_not_fit_are_told_in_a_line_before_a_robot_hears_of_it(
     ],
 )
 def test_what_goes_wrong_is_told_in_one_line(run, tmp_path, arguments, message):
-    (tmp_path / "bad.csv").write_text("precious")
+    (tmp_path / "bad.csv").write_text("precious", encoding="utf-8")
     status, said, error = run(*arguments)
     assert status == 1 and message in error and len(error.splitlines()) == 1
-    assert (tmp_path / "bad.csv").read_text() == "precious"
+    assert (tmp_path / "bad.csv").read_text(encoding="utf-8") == "precious"
 
 
 def test_without_matplotlib_the_program_says_what_to_install(capsys, monkeypatch):

@@ -26,7 +26,7 @@ from pypose_lite.go1.wire.protocol import (
 )
 
 VECTORS = Path(__file__).parent / "vectors"
-INDEX = json.loads((VECTORS / "index.json").read_text())
+INDEX = json.loads((VECTORS / "index.json").read_text(encoding="utf-8"))
 STATES = [name for name in INDEX["states"] if name.endswith(".hex")]
 # the formats as the specification of the protocol states them
 COMMAND_FORMAT = "<2sBB2I2IHBBBff2f3f2ff4s12s40sI"
@@ -34,7 +34,7 @@ STATE_FORMAT = "<2sBB2I2IH13fb" + "B7fb2I" * 20 + "4BiH2b2b10H4h4hBfBf3ff3ff4f12
 
 
 def golden(name):
-    return bytes.fromhex((VECTORS / name).read_text())
+    return bytes.fromhex((VECTORS / name).read_text(encoding="utf-8"))
 
 
 def slow_crc(data):

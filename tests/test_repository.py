@@ -50,7 +50,7 @@ def test_every_step_is_a_target_of_make_or_a_script_that_is_here(path):
     makefile = (ROOT / "Makefile").read_text("utf-8")
     for target in re.findall(r"\bmake ([a-z-]+)", text):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
-    for script in re.findall(r"bash (\S+)", text):
+    for script in re.findall(r"bash ([\w./]+\w)", text):
         assert (ROOT / script).exists()
 
 

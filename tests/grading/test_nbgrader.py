@@ -57,7 +57,8 @@ def course(tmp_path_factory):
     course = tmp_path_factory.mktemp("course")
     homework.for_nbgrader(SOURCES, {"03_mpc": KEY}, course)
     key = course / "keys" / "03_mpc.json"
-    key.write_text(key.read_text("utf-8").replace('"cell_seconds": 60.0', '"cell_seconds": 8.0'))
+    text = key.read_text("utf-8").replace('"cell_seconds": 60.0', '"cell_seconds": 8.0')
+    key.write_text(text, encoding="utf-8")
     for student, (notebook, _) in HANDED_IN.items():
         saved(notebook, course / "submitted" / student / "03_mpc" / "03_mpc.ipynb")
     nbgrader(course, "autograde", "03_mpc")

@@ -29,7 +29,8 @@ def test_the_overview_has_the_minutes_that_the_lab_itself_says(lab):
     row = cells(next(r for r in syllabus.overview().splitlines() if f"({lab}.py)" in r))
     minutes = [int(found) for found in tool.MINUTES.findall(LABS[lab])]
     assert [row[3], row[4]] == [str(len(minutes)), str(sum(minutes))]
-    said = re.search(r"Take about (\d+)\s+(?:# )?minutes", (ROOT / f"book/{lab}.py").read_text())
+    text = (ROOT / f"book/{lab}.py").read_text(encoding="utf-8")
+    said = re.search(r"Take about (\d+)\s+(?:# )?minutes", text)
     assert row[2] == said[1]
 
 

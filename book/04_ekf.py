@@ -22,11 +22,11 @@
 #
 # Here it tells the car on the infinity where it is. After this chapter you can
 #
-# - combine a prediction and a measurement by Bayes' rule, and say why the result is surer than
-#   both;
+# - combine a prediction and a measurement by Bayes' rule, and say why the result is less uncertain
+#   than both;
 # - derive the gain of the Kalman filter, and write the extended Kalman filter (EKF) in ten lines;
 # - use a measurement that is not linear: distance and direction to a post;
-# - test by two numbers, NEES and NIS, whether a filter is as sure as it may be.
+# - test by two statistics, called NEES and NIS, whether a filter's errors are as large as it says.
 #
 # You need [chapter 1](01_systems.py) (the car, $A$ and $C$), [chapter 2](02_lqr.py) (the Riccati
 # equation), the loop of [chapter 3](03_mpc.py), and Gaussian distributions, of which
@@ -50,9 +50,12 @@ plotting.use_style()
 torch.set_default_dtype(torch.float64)
 
 # %% [markdown]
-# The car moves as in chapter 1, but every step is disturbed by {term}`process noise`, and every
-# measurement by {term}`observation noise`. Both are Gaussian. $Q$ and $R$ are their covariances.
-# (In chapters 2 and 3 the letters $Q$ and $R$ were weights of a cost. The books use them for both.)
+# The car moves as in chapter 1, but every step is disturbed by {term}`process noise` $w$, and every
+# measurement by {term}`observation noise` $v$. Both are Gaussian with mean zero. $Q$ and $R$ are
+# their {term}`covariance matrices <covariance matrix>`. (Letters are few. In chapters 2 and 3, $Q$
+# and $R$ were weights of a cost. Chapter 1 wrote $n$ for the observation noise; we now write $v$,
+# as the paper and most books on filters do. And the index of a step is $i$, as in the paper's
+# code.)
 
 # %%
 dt = 0.1  # s
@@ -63,11 +66,11 @@ R = sensor**2 * torch.eye(4)
 car = pp.DubinsCar(dt)
 waypoints = infinity.waypoints()
 mpc = infinity.controller(car)
-mpc.stepper = pp.utils.ReduceToBason(steps=4)  # sweeps per plan are enough
+mpc.stepper = pp.utils.ReduceToBason(steps=4)  # four sweeps a plan are enough
 
 
 def laps(estimator):
-    """Returns one lap of 64 noisy cars that steer by what an estimator says."""
+    """Returns one lap of 64 noisy cars that steer by an estimator's estimates."""
     start = waypoints[0].expand(64, 4)
     generator = torch.Generator().manual_seed(0)
     world = infinity.SimulatedCar(car, start, process, sensor, generator)
@@ -107,6 +110,10 @@ claim("ekf_error", error[run.running].mean(), below=0.058, unit="m", paper=0.180
 # out the blue dots, and steers by them. Each ellipse is what the filter says of its own error: the
 # car is in here with a probability of 95 %. The black line is the truth, which the car never sees.
 # Over 64 laps the estimate is {claim}`ekf_error` off on average. <!-- given: 95 %, 64 laps -->
+#
+# `run` keeps all of it: the true states `run.x`, the observations `y`, the inputs `u`, the
+# estimates `estimate` and their covariances `P`. Their first dimension counts the cars, the second
+# the steps.
 
 # %% [markdown]
 # ## It fails: steering by the sensor alone
@@ -147,9 +154,10 @@ claim("mean_of_five", mean_errors[4], above=0.23, unit="m")
 
 # %% [markdown] tags=["answer"]
 # It is larger: {claim}`mean_of_five` against {claim}`raw_error`. The noise does cancel, but the car
-# moves, and the mean of five is a good estimate of where the car was two steps ago. As for the
-# loop: after 60 steps {claim}`raw_finished` of 64 cars are around, while the ideal car takes 48.
-# They look for waypoints that they have passed. <!-- given: two, 60 steps, 64 cars, 48 -->
+# moves, and the mean of five is a good estimate of where the car was two steps ago. Nor does the
+# loop work: the ideal car takes 48 steps for a lap, but after 60 steps {claim}`raw_finished` of 64
+# cars have completed it. They look for waypoints that they have already passed.
+# <!-- given: two, 60 steps, 48 steps, 64 cars -->
 
 # %% [markdown]
 # An old observation is still worth something if we move it along with the car. For that we have a
@@ -158,13 +166,13 @@ claim("mean_of_five", mean_errors[4], above=0.23, unit="m")
 # %% [markdown]
 # ## The idea: Bayes' rule in one dimension
 #
-# Begin with one number. A cart on a rail believes that it is at 2 m, and it trusts this with a
-# standard deviation of 0.5 m. A sensor, whose standard deviation is 1 m, says 3 m. Where is the
-# cart? <!-- given: 2 m, 0.5 m, 1 m, 3 m -->
+# Begin with one number. A cart on a rail believes that it is at 2 m, with a standard deviation of
+# 0.5 m. A sensor, whose error has a standard deviation of 1 m, says 3 m. Where is the cart?
+# <!-- given: 2 m, 0.5 m, 1 m, 3 m -->
 #
-# What the cart believes before the measurement is a density $p(x)$, the {term}`prior`. What the
-# sensor says enters by $p(y \mid x)$: how likely is it to read $y$, if the cart is at $x$? As a
-# function of $x$ it is called the {term}`likelihood`. {term}`Bayes' rule` combines the two:
+# What the cart believes before the measurement is a probability density $p(x)$, the {term}`prior`.
+# What the sensor says enters by $p(y \mid x)$: how likely is it to read $y$, if the cart is at $x$?
+# As a function of $x$ it is called the {term}`likelihood`. {term}`Bayes' rule` combines the two:
 #
 # $$ p(x \mid y) = \frac{p(y \mid x)\, p(x)}{p(y)} $$ (eq-4-bayes)
 #
@@ -208,18 +216,21 @@ claim("grid_variance", grid_variance, equals=0.2, within=1e-6, unit="m²")
 
 # %% [markdown]
 # The posterior has its mean at {claim}`grid_mean` and is narrower than both curves: its variance is
-# {claim}`grid_variance`. Its shape is a Gaussian again. To see why, look at the exponents. A
-# product of exponentials adds them, and with the prior's mean $\hat x$ and variance $P$
+# {claim}`grid_variance`. Its shape is a Gaussian again. To see why, look at the exponents, which
+# add up in a product. Let $\hat x$ and $P$ be the mean and the variance of the prior, and $R$ the
+# variance of the sensor's error. The sum
 #
 # $$ -\frac{(x - \hat x)^2}{2P} - \frac{(y - x)^2}{2R} $$ (eq-4-exponent)
 #
-# is a quadratic in $x$. So the posterior is a Gaussian, and its mean is where the quadratic is
-# largest. The derivative is zero where $(x - \hat x)/P = (y - x)/R$. Solve for $x$:
+# is a quadratic in $x$. So the posterior is a Gaussian, and its mean $x^+$ is where the quadratic
+# is largest. The derivative is zero where $(x - \hat x)/P = (y - x)/R$. Multiply by $P R$ and
+# collect what has $x$: $(P + R)\, x = R\, \hat x + P\, y$. Divided by $P + R$, this is
 #
 # $$ x^+ = \hat x + K\, (y - \hat x), \qquad K = \frac{P}{P + R} $$ (eq-4-scalar)
 #
 # The new estimate goes a part $K$ of the way from the old one to the measurement. $K$ is called the
-# *gain*. The second derivative of {eq}`eq-4-exponent` is $-1/P - 1/R$, and it must be $-1/P^+$:
+# *gain*. For the new variance $P^+$ look at the second derivative. That of {eq}`eq-4-exponent` is
+# $-1/P - 1/R$, and that of the exponent of a Gaussian with the variance $P^+$ is $-1/P^+$:
 #
 # $$
 # \begin{aligned}
@@ -228,18 +239,18 @@ claim("grid_variance", grid_variance, equals=0.2, within=1e-6, unit="m²")
 # \end{aligned}
 # $$ (eq-4-information)
 #
-# Inverse variances add up. They are called *information*. The second line says the same with the
-# gain.
+# Inverse variances add up. They are called *information*. The second line is the first one, solved:
+# $P^+ = P R / (P + R)$, and $R / (P + R)$ is $1 - K$.
 #
-# **The same by least squares.** We need not believe in Gaussians to get this gain. Take any
-# estimate of the form $\hat x + K (y - \hat x)$. If $\hat x$ is off by $\tilde x$, and $y$ by $v$,
-# the new estimate is off by $(1 - K)\, \tilde x + K v$. If the two errors are independent, its
-# variance is
+# **The same by least variance.** We need not assume Gaussians to get this gain. Take any estimate
+# of the form $\hat x + K (y - \hat x)$. If $\hat x$ is off by $\tilde x$, and $y$ by $v$, the new
+# estimate is off by $(1 - K)\, \tilde x + K v$. If the two errors are independent and have mean
+# zero, its variance is
 #
 # $$ (1 - K)^2 P + K^2 R $$ (eq-4-variance)
 #
 # Which $K$ makes it smallest? The derivative $-2 (1 - K) P + 2 K R$ is zero for $K = P / (P + R)$,
-# the same gain. Among all straight combinations of belief and measurement, this one has the least
+# the same gain. Among all weighted means of belief and measurement, this one has the least
 # variance.
 
 
@@ -272,9 +283,11 @@ claim("same_variance", surprised[1] - usual[1], equals=0)
 # %% [markdown]
 # ## The recursion: correct, predict, repeat
 #
-# Now the cart moves, and is measured again and again. Let $Y_i = y_1, \dots, y_i$ be what has been
+# Now the cart moves, and is measured again and again. Let $Y_i = y_0, \dots, y_i$ be what has been
 # seen so far. Two steps lead from one belief to the next. The first is Bayes' rule, with the belief
-# so far as the prior; the second sends the belief through the motion: <!-- given: Two steps -->
+# so far as the prior ($\propto$ means "up to a factor", the one that makes the integral one). The
+# second sends the belief through the motion: it adds up, over all places $x_i$ where the cart may
+# be, how likely it gets from there to $x_{i+1}$. <!-- given: Two steps -->
 #
 # $$
 # \begin{aligned}
@@ -285,15 +298,16 @@ claim("same_variance", surprised[1] - usual[1], equals=0)
 # \end{aligned}
 # $$ (eq-4-recursion)
 #
-# This is the {term}`Bayes filter`. It holds for every density. All filters of this book are ways to
-# compute it, and they differ in how they write a density down. With Gaussians it is two numbers.
-# The first line is {eq}`eq-4-scalar`. In the second, a motion $x_{i+1} = a x_i + b u_i + w_i$
-# multiplies the error by $a$ and adds noise, so that variances are multiplied by $a^2$ and then add
-# up:
+# This is the {term}`Bayes filter`. It holds for every density, if the noises of all steps are
+# independent: who knows the state $x_i$ then learns nothing more from the measurements before. All
+# filters of this book are ways to compute it, and they differ in how they write a density down. For
+# Gaussians a mean and a variance are enough. The first line is {eq}`eq-4-scalar`. In the second, a
+# motion $x_{i+1} = a x_i + b u_i + w_i$ multiplies the error by $a$ and adds noise, so the variance
+# is multiplied by $a^2$ and grows by that of the noise:
 #
 # $$ \hat x' = a \hat x + b u, \qquad P' = a^2 P + Q $$ (eq-4-move)
 #
-# A measurement makes $P$ smaller, a motion makes it larger. After a while the two are equal.
+# A measurement makes $P$ smaller, a motion makes it larger. After a while the two are in balance.
 
 
 # %%
@@ -329,25 +343,29 @@ plotting.show(
 claim("settles", P_cart - settled.item(), equals=0, within=1e-3, unit="m²")
 
 # %% [markdown]
-# The dashed line was computed by `dlqr` of chapter 2. That is no accident. Put the two steps of the
-# variance together, and with $a = 1$ they read $P' = Q + P - P^2 / (P + R)$. This is the Riccati
-# equation of the regulator, with the measurement in the place of the input. Control and estimation
-# are *dual*: what the regulator computes backward in time, the filter computes forward.
-# [The appendix](mathematics.py) shows it for matrices. <!-- given: two steps -->
+# The dashed line was computed by `dlqr` of chapter 2, with the variances $Q$ and $R$ in the places
+# of the weights. That is no accident. Put the two steps of the variance together, and with $a = 1$
+# they read $P' = Q + P - P^2 / (P + R)$. This is the Riccati equation of the regulator, with the
+# measurement in the place of the input. Control and estimation are *dual*: what the regulator
+# computes backward in time, the filter computes forward. [The appendix](mathematics.py) shows it
+# for matrices. <!-- given: two steps -->
 
 # %% [markdown]
 # ## Derived: several numbers at once
 #
-# The car's state has four numbers, and $P$ becomes a matrix: the covariance of the error. Its
+# The car's state has four numbers. Let $\tilde x = \hat x - x$ be the error of the estimate. Then
+# $P$ becomes a matrix, the covariance of this error, $P = E[\tilde x\, \tilde x^\top]$. Its
 # diagonal holds the variances. The other entries say which errors come together, such as a heading
-# that is too far left and a position that is too far left later on. A measurement is $y = C x + v$
-# with noise of covariance $R$. We look for a gain matrix $K$ in
+# that is too far left and a position that is too far left later on. A measurement is $y = C x + v$,
+# where the noise $v$ has the covariance $R$. We look for a gain matrix $K$ in
 #
 # $$ x^+ = \hat x + K\, (y - C \hat x) $$ (eq-4-correct)
 #
-# The bracket is the surprise in the measurement, and is called the {term}`innovation` $e$. If
-# $\hat x$ is off by $\tilde x$, the new estimate is off by $(I - K C)\, \tilde x + K v$. The two
-# parts are independent, so their covariances add up:
+# The bracket is the surprise in the measurement, and is called the {term}`innovation` $e$. Put in
+# $y = C x + v$: it is $v - C \tilde x$. So the error of the new estimate is
+# $x^+ - x = \tilde x + K (v - C \tilde x) = (I - K C)\, \tilde x + K v$. A matrix $M$ turns a
+# covariance $P$ into $M P M^\top$, and the two parts are independent, so that their covariances add
+# up:
 #
 # $$
 # \begin{aligned}
@@ -357,14 +375,15 @@ claim("settles", P_cart - settled.item(), equals=0, within=1e-3, unit="m²")
 # $$ (eq-4-joseph)
 #
 # It is {eq}`eq-4-variance` in matrices, holds for every $K$, and is called *Joseph's form*. The
-# best gain makes the sum of the variances least, which is the trace of $P^+$. Its derivative by $K$
-# is $-2 (I - K C) P C^\top + 2 K R$, which is zero for
+# best gain makes the sum of the variances least, which is the trace of $P^+$. Multiply the products
+# out, with $S = C P C^\top + R$: the trace is that of $P - 2 K C P + K S K^\top$. Its derivatives
+# by the entries of $K$ form the matrix $-2 P C^\top + 2 K S$, as for numbers. It is zero for
 #
 # $$ K = P C^\top S^{-1}, \qquad S = C P C^\top + R $$ (eq-4-gain)
 #
-# $S$ is the covariance that the innovation ought to have. (For this $K$, Joseph's form shrinks to
-# $(I - K C) P$. We keep the long form: it is a sum of squares, and so rounding cannot make it
-# negative.) The motion $x' = A x + B u + w$ transforms the error by $A$:
+# $S$ is the covariance of the innovation $v - C \tilde x$. (For this $K$, Joseph's form shrinks to
+# $(I - K C) P$. We keep the long form: it is a sum of squares, so rounding cannot make a variance
+# negative.) The motion $x' = A x + B u + w$ transforms the error by $A$ and adds noise:
 #
 # $$
 # \begin{aligned}
@@ -376,11 +395,12 @@ claim("settles", P_cart - settled.item(), equals=0, within=1e-3, unit="m²")
 # These lines are the Kalman filter {cite}`kalman1960filter`. For linear systems with Gaussian noise
 # it computes {eq}`eq-4-recursion` exactly.
 #
-# **And if the system is not linear?** The car's motion contains a product of speed and heading. The
-# {term}`extended Kalman filter` (EKF) moves the estimate by the functions $f$ and $g$ themselves,
-# and the covariance by their tangents at the estimate, $A = \partial f / \partial x$ and
-# $C = \partial g / \partial x$. That is as good as the functions are straight over the width of the
-# belief. The next chapter is about beliefs that are too wide for it.
+# **And if the system is not linear?** The car's motion contains the speed times the cosine of the
+# heading. The {term}`extended Kalman filter` (EKF) uses the functions themselves for the estimate,
+# $f(\hat x, u)$ for $A \hat x + B u$ and $g(\hat x)$ for $C \hat x$, and their tangents at the
+# estimate for the covariance: $A = \partial f / \partial x$ and $C = \partial g / \partial x$. That
+# is good where the functions are nearly straight over the width of the belief. The next chapter is
+# about beliefs that are too wide for it.
 
 # %% [markdown]
 # ## From scratch: the extended Kalman filter
@@ -395,7 +415,7 @@ def ekf_update(x, P, y, g, R):
     """Returns the belief about the same state, once y is known."""
     C = jacobian(g, x)
     S = C @ P @ C.mT + R  # (4.10)
-    K = torch.linalg.solve(S, C @ P).mT  # (4.10), P C' S^-1
+    K = torch.linalg.solve(S, C @ P).mT  # (4.10), from S K' = C P
     rest = torch.eye(len(x)) - K @ C
     return x + K @ (y - g(x)), rest @ P @ rest.mT + K @ R @ K.mT  # (4.8), (4.9)
 
@@ -411,6 +431,8 @@ def ekf_predict(x, P, f, Q):
 # index: `y[i]` was measured *before* step $i$. So the loop first corrects and then predicts, and
 # out of `x[i]`, `y[i]`, `u[i]` comes the estimate of `x[i+1]`. Books that predict first
 # {cite}`simon2006` number their observations differently. Both are right, but mixing them is not.
+# (`car.observe` and `car.transition` are $g$ and $f$; `partial(..., u=u)` fixes the input, and a
+# function of the state is left.)
 
 # %%
 x = run.estimate[0, 0]
@@ -444,7 +466,7 @@ claim("same_covariance", (P - P_library).abs().max(), below=1e-12)
 # %% [markdown]
 # No number differs by more than {claim}`same_estimates`. The source is [ekf.py](api/filters.md),
 # whose two functions `_update` and `_predict` have the lines above. Two things are different there:
-# $P$ enters by its root $L$ with $P = L L^\top$, which keeps twice as many digits of small
+# $P$ enters by a square root $L$ with $P = L L^\top$, which keeps twice as many digits of small
 # variances, and a batch may come first. <!-- given: twice -->
 
 # %% [markdown]
@@ -494,15 +516,18 @@ def sight_of(post):
 
 # %% [markdown]
 # Two angles that differ by a full turn are the same direction. The innovation must therefore be
-# taken the short way around, or a post behind the car would give a surprise of 360 degrees. The
-# library does it with `residual=filters.angles(1)`, which names the angle among the measured
-# numbers. `update` takes one sensor at a time, with its own $g$ and $R$, and it is called for each
-# sensor that has something to say. Ours has two that differ in rate: posts are seen in every step,
-# and a position sensor like the one above speaks once a second. The motion between is known from
-# the commands, which is called *odometry* or *dead reckoning*. <!-- given: 360 degrees, two -->
+# taken the short way around, or a post behind the car could give a surprise of 360 degrees. The
+# library does it with `residual=filters.angles(1)`: the measured number with the index 1 is an
+# angle. <!-- given: 360 degrees -->
+#
+# **Several sensors.** The library's `update` takes one sensor at a time, with its own $g$ and $R$,
+# and it is called for each sensor that has something to say. Ours has two that differ in rate:
+# posts are seen in every step, and the sensor from above speaks once a second. In between the
+# filter predicts from the commands alone, which is called {term}`dead reckoning`, or *odometry*
+# where the wheels measure how far they rolled. <!-- given: two -->
 
 # %%
-turn_rate = 2 * math.pi / (64 * dt)
+turn_rate = 2 * math.pi / (64 * dt)  # the lap of chapter 2: 64 steps for a circle
 speed = 2 * math.sin(turn_rate * dt / 2) / dt
 first_circle = torch.tensor([speed, turn_rate]).expand(64, 2)
 second_circle = torch.tensor([speed, -turn_rate]).expand(64, 2)
@@ -519,14 +544,15 @@ truth = torch.stack(truth, dim=1)  # 64 cars, 129 states each
 def one_look(x, P, i, u, seen, noise):
     """Returns the belief corrected by each of the posts seen in step i."""
     for g in map(sight_of, seen):
-        z = g(truth[:, i]) + torch.randn(64, 2, generator=noise) @ R_post.sqrt()
+        v = torch.randn(64, 2, generator=noise) @ R_post.sqrt()  # R_post is diagonal
+        z = g(truth[:, i]) + v
         x, P = ekf.update(x, z, u, P, R_post, g=g, residual=filters.angles(1))
     return x, P
 
 
 # %%
 def follow(seen, position_every=0):
-    """Returns estimates of all states by the posts seen and the position sensor."""
+    """Returns the beliefs, by the posts seen and by the sensor from above."""
     noise = torch.Generator().manual_seed(1)
     x = truth[:, 0] + 0.05 * torch.randn(64, 4, generator=noise)
     P = 0.05**2 * torch.eye(4).expand(64, 4, 4)
@@ -578,8 +604,8 @@ claim("three_posts_error", values[4], below=0.03, unit="m")
 # %% [markdown]
 # With odometry alone the mean error is {claim}`odometry_error`. The position, once a second, brings
 # it to {claim}`slow_error`, one post to {claim}`one_post_error`, and both together to
-# {claim}`post_and_position_error`. No sensor had to be better than the others. Each has something
-# to say that they cannot.
+# {claim}`post_and_position_error`. Each sensor helps, also the worse one, since it sees something
+# that the others do not.
 #
 # **What one post cannot see.** Three posts are much better, {claim}`three_posts_error`. The number
 # of measurements is not the main reason. Turn the whole lap about a single post, the car's heading
@@ -642,17 +668,18 @@ claim("long_to_short", widths[1] / widths[0], above=2)
 # None: the largest change is {claim}`nothing_changes`. Whoever sees only this post cannot tell the
 # two laps apart, however long they drive. The turn about the post is *unobservable*. The filter
 # says so by itself: its ellipses are {claim}`long_to_short` times as long across the line to the
-# post as along it. What it knows of that direction, it knows from the start, and odometry loses it
-# little by little. A system is called {term}`observable <Observability>` if the measurements over
-# some time determine the state. The test is like that of controllability in chapter 1, with the
-# matrices $C$, $C A$, $C A^2$, ... below each other. <!-- given: two laps -->
+# post as along it. All that it knows across that line, it knew at the start, and the noise of the
+# motion takes it away little by little. A system is called {term}`observable <Observability>` if
+# the measurements over some time determine the state. The test is like that of controllability in
+# chapter 1: the matrices $C$, $C A$, $C A^2$, ... below each other must have as large a rank as the
+# state has numbers. <!-- given: two laps -->
 
 # %% [markdown]
 # ## On the infinity: the loop with a filter
 #
-# Back to the sensor of the paper, which measures all four numbers with much noise. In the loop a
-# filter takes two more lines. Both kinds of laps, as in the paper's Fig. 3: the waypoints, one
-# car in blue, and fifteen others in grey. <!-- given: two, four -->
+# Back to the sensor of the paper, which measures all four numbers with much noise. Here are the
+# loop without a filter and the loop with the EKF, as in the paper's Fig. 3: the waypoints, one car
+# in blue, and fifteen others in grey. <!-- given: four -->
 
 # %% tags=["hide-input"]
 fig, panels = plt.subplots(2, 1, figsize=(7, 7.6))
@@ -675,7 +702,7 @@ plotting.show(
 )
 
 # %% tags=["hide-input"]
-head = "loop | error of the estimate (m) | distance from the path (m) | around"
+head = "loop | error of the estimate (m) | distance from the path (m) | laps done"
 display(table(head, rows))
 
 # %% tags=["claims"]
@@ -690,22 +717,22 @@ better = 1 - with_y / error[run.running].mean()
 claim("corrected_gain", 100 * better, above=2, unit="%")
 
 # %% [markdown]
-# The estimate is {claim}`times_better` times as exact as the sensor, and all 64 cars come around.
-# The numbers 0.2045 for the raw observation and 0.1803 for the EKF stand in comments of the paper's
-# LaTeX source, without a unit and without the noise. We chose our noise so that the raw errors are
-# equal. With this noise a correct filter reaches {claim}`ekf_error`, and so our result differs from
-# the paper's. <!-- given: 64 cars, 0.2045, 0.1803 -->
+# The sensor's error is {claim}`times_better` times that of the estimate, and all 64 cars complete
+# the lap. The numbers 0.2045 for the raw observation and 0.1803 for the EKF stand in comments of
+# the paper's LaTeX source, without a unit and without the noise. We chose our noise so that the raw
+# errors are equal. With this noise a correct filter reaches {claim}`ekf_error`, and so our result
+# differs from the paper's. <!-- given: 64 cars, 0.2045, 0.1803 -->
 #
-# Why does the loop plan with the estimate that does not yet contain `y[i]`, which is already there?
-# It is the order of the paper's listing. Correcting first would make the estimate
-# {claim}`corrected_gain` better, {claim}`corrected_error`. On a robot one would do so if the plan
-# takes little time, and would plan with the prediction if the plan takes a whole step.
+# The loop plans the input of step $i$ from an estimate that does not yet contain `y[i]`, although
+# `y[i]` is already there. This is the order of the paper's listing. Correcting first would lower
+# the error by {claim}`corrected_gain` to {claim}`corrected_error`. On a robot one would do so if
+# the plan takes little time, and would plan from the prediction if the plan takes a whole step.
 #
 # **When the sensor is silent.** A `nan` in `y` means "not measured". The filter then only predicts,
 # and the ellipses show what it still knows.
 #
 # **Predict.** The sensor is blind from the start. When is the ellipse longer: after 10 steps, on
-# the far side of the circle, or after 20, when the car is back? <!-- given: 10 steps, 20 -->
+# the far side of the circle, or after 20, when the car is nearly back? <!-- given: 10 steps, 20 -->
 
 
 # %% tags=["answer", "hide-input"]
@@ -743,8 +770,8 @@ claim("blind_near", longest[20], below=0.08, unit="m")
 # %% [markdown] tags=["answer"]
 # After 10 steps: its standard deviation along its longest axis is {claim}`blind_far`, and after 20
 # steps {claim}`blind_near`. The largest uncertainty is that of the first heading. A wrong heading
-# turns the whole circle about the start. That moves the far side most, and where the circle comes
-# back to the start, it moves it hardly at all. The matrix $A$ in $A P A^\top$ knows all this.
+# turns the whole circle about the start. That moves the far side most, and the places near the
+# start hardly at all. The filter finds this by itself, step by step, by $A P A^\top$.
 # <!-- given: 10 steps, 20 steps -->
 
 # %% tags=["remove-cell"]
@@ -754,18 +781,22 @@ believed = ipywidgets.FloatSlider(sensor, **options)
 widgets.live(blackout, alt=alt, blind=blind, believed=believed)
 
 # %% [markdown]
-# ## Is the filter as sure as it may be?
+# ## Is the filter as sure as it should be?
 #
-# A filter says how large its error is, and cannot know whether that is true. In a simulation we
-# can, since we have the truth. The {term}`NEES`, the *normalised estimation error squared*, is the
-# error in the filter's own standard deviations:
+# A filter says how large its error is, and cannot know whether that is true. Where it is true, the
+# filter is called *consistent*. In a simulation we can test it, since we have the truth. The
+# {term}`NEES`, the *normalised estimation error squared*, is the square of the error, measured in
+# the filter's own standard deviations:
 #
 # $$ \mathrm{NEES} = (\hat x - x)^\top P^{-1} (\hat x - x) $$ (eq-4-nees)
 #
-# If $P$ is right, it is chi-square distributed, and for a state of four numbers its mean is 4. A
-# larger value says that the filter is too sure of itself, a smaller one that it is too modest. One
-# run says little. Take the mean over our 64 laps at *one* step: it has to lie between 3.34 and 4.72
-# in 95 % of all cases {cite}`barshalom2001`. <!-- given: four, 4, 64 laps, 3.34, 4.72, 95 % -->
+# For one number it is $(\hat x - x)^2 / P$, with the mean 1 if $P$ is right. For a state of four
+# numbers it is a sum of four such squares, which is
+# {term}`chi-square distributed <chi-square distribution>` with the mean 4. A larger value says that
+# the filter is too sure of itself, a smaller one that it is too modest. One run says little. Take
+# the mean over our 64 laps at *one* step: for a consistent filter it lies between 3.34 and 4.72
+# with a probability of 95 % {cite}`barshalom2001`.
+# <!-- given: four, 4, 64 laps, 3.34, 4.72, 95 % -->
 
 # %%
 steps = run.steps.min()  # as long as all cars are driving
@@ -797,13 +828,13 @@ claim("nees_half_width", half_width, below=0.7)
 
 # %% [markdown]
 # At {claim}`nees_inside` of the steps it does, and about 95 % is what we expect. The mean over all
-# laps and all steps is {claim}`nees_mean`. For *this* number another interval holds, since steps of
-# one lap are not independent: its spread over the laps gives 4 give or take
-# {claim}`nees_half_width`. Each statistic has its own interval. <!-- given: 95 %, 4 -->
+# laps and all steps is {claim}`nees_mean`. For *this* number another interval holds, because the
+# steps of one lap are not independent of each other. The laps are, and from how much their means
+# differ follows the interval: 4 give or take {claim}`nees_half_width`. <!-- given: 95 %, 4 -->
 #
-# On a robot there is no truth. There the innovation can be tested, which needs none. The
-# {term}`NIS`, the *normalised innovation squared*, is $e^\top S^{-1} e$, and its mean is the number
-# of measured values.
+# On a robot the true state is not known. The innovation can be tested there, which needs no truth.
+# The {term}`NIS`, the *normalised innovation squared*, is $e^\top S^{-1} e$, and its mean is the
+# number of measured values, if the filter is right.
 
 # %% [markdown]
 # ## What goes wrong
@@ -864,6 +895,8 @@ for name, (x_all, P_all, surprise) in faults.items():
 for ax, count, name in zip(axes, (2, 4), ("NEES of the position", "NIS")):
     band = filters.chi_square_interval(count, runs=64)
     ax.axhspan(*band, color=plotting.GREY, alpha=0.3, label="95 % of one step")
+    ax.set_yticks([2, 4, 8, 16, 32], labels=["2", "4", "8", "16", "32"])
+    ax.set_yticks([], minor=True)
     ax.set_ylabel(name)
 axes[1].set_xlabel("time (s)")
 fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
@@ -889,15 +922,16 @@ claim("no_q_nis", scores["no Q"][2], above=3.7, below=4.3)
 
 # %% [markdown] tags=["answer"]
 # The missing $Q$: its NIS is {claim}`no_q_nis` where 4 is right. The sensor is so noisy that within
-# one lap a slight overconfidence does not show in what it says. The NEES knows: {claim}`no_q_nees`
-# where 2 is right. The filter that is one step late has an NIS of {claim}`late_nis` from the first
-# second on. $R$ too small gives {claim}`small_r_nis`, four times what it should be, so that the
-# number even names the remedy. <!-- given: 4, 2, four times -->
+# one lap the innovations are hardly larger than this filter expects. The NEES shows the fault:
+# {claim}`no_q_nees` where 2 is right. The filter that is one step late has a mean NIS of
+# {claim}`late_nis`, and it is too large from the first second on. $R$ too small gives
+# {claim}`small_r_nis`, about four times what is right: the remedy is an $R$ that is four times as
+# large. <!-- given: 4, 2, four times -->
 
 # %% [markdown]
-# The errors hardly tell: with $R$ too small it is {claim}`small_r_error` times that of the right
-# filter, without $Q$ it is {claim}`no_q_error` times. Is a missing $Q$ harmless, then? Drive four
-# laps instead of one. <!-- given: four -->
+# The error itself hardly shows the last two faults: with $R$ too small it is
+# {claim}`small_r_error` times that of the right filter, without $Q$ {claim}`no_q_error` times. Is a
+# missing $Q$ harmless, then? Drive four laps instead of one. <!-- given: two, four -->
 
 # %%
 generator = torch.Generator().manual_seed(1)
@@ -941,32 +975,33 @@ claim("no_q_nis_after", nis_after, above=10, below=40, unit="s")
 claim("no_q_four_laps", wrong[0, -4:].mean() / right[0, -4:].mean(), above=2)
 
 # %% [markdown]
-# Without $Q$ the filter becomes ever surer, its gain goes to zero, and in the end it does not
-# listen any more: its error is {claim}`no_q_four_laps` times the right one. This is called
-# *divergence*. The NEES is too large by a factor of two after {claim}`no_q_nees_after`. The NIS is
-# a tenth too high only after {claim}`no_q_nis_after`. On a robot, where the NIS is all you have,
-# test with *long* recordings. <!-- given: a factor of two, a tenth -->
+# Without $Q$ the filter becomes ever surer, and its gain goes to zero. In the end the measurements
+# hardly change its estimate any more, and its error is {claim}`no_q_four_laps` times the right one.
+# This is called *divergence*. The NEES is too large by a factor of two after
+# {claim}`no_q_nees_after`. The NIS is a tenth too high only after {claim}`no_q_nis_after`. On a
+# robot, where the NIS is all you have, test with *long* recordings.
+# <!-- given: a factor of two, a tenth -->
 #
 # **Where do Q and R come from?** $R$ can be measured: let the robot stand still, and take the
 # variance of what the sensor says. $Q$ stands for all that the model leaves out: slip, uneven
-# ground, legs that answer late. Compare the model's one-step predictions with what happened, if a
-# good reference is at hand. If not, choose $Q$ so that the NIS of a long recording lies in its
-# interval. The lab does this, and also learns both by maximum likelihood.
+# ground, legs that answer late. Compare the model's one-step predictions with what happened, if the
+# true states were recorded. If not, choose $Q$ so that the NIS of a long recording lies in its
+# interval. The lab does this, and also learns both noises by {term}`maximum likelihood`.
 
 # %% [markdown]
 # ## A real recording: a lawn mower that hears four radios
 #
 # All recordings so far came from our own simulation. Here is a real one {cite}`djugash2009`. A
-# robot lawn mower drives over a meadow for 160 s. Its wheels and its gyroscope say how far it
-# rolled and how much it turned, in steps of 0.2 s. Four radios at known places answer in turn, and
-# from the time that the answer takes the mower knows its distance to one of them. Nothing tells it
-# the direction. A precise satellite receiver recorded where it really was, and we look at this only
-# at the end. <!-- given: 160 s, 0.2 s, four -->
+# robot lawn mower drives over a meadow for 160 s. Its wheels and its gyroscope say how many metres
+# it rolled and how far it turned in each step of 0.2 s; these are the inputs. Four radios at known
+# places answer in turn, and from the time that the answer takes the mower knows its distance to one
+# of them. Nothing tells it the direction. A precise satellite receiver recorded where it really
+# was, and we look at this only at the end. <!-- given: 160 s, 0.2 s, four -->
 
 
 # %%
 class LawnMower(pp.NLS):
-    """The state is [i, j, heading, scale of distances, error of the gyroscope]."""
+    """[i, j, heading, scale of distances, gyroscope's error]; input: [way, turn]."""
 
     def state_transition(self, state, input, t=None):
         i, j, heading, scale, error = state.unbind(-1)
@@ -976,7 +1011,7 @@ class LawnMower(pp.NLS):
         return torch.stack([i, j, heading, scale, error], dim=-1)
 
     def observation(self, state, input, t=None):
-        return state
+        return state  # never asked: each radio brings a g of its own
 
 
 # %%
@@ -991,10 +1026,11 @@ def distance_to(post):
 
 
 # %% [markdown]
-# The last two numbers of the state never move. They stand for what we do not know of the sensors:
-# by which factor the radios' distances are wrong, and by how much the gyroscope turns too far in
-# each step. A filter that is sure of them (a prior of one and zero, without doubt) takes the
-# sensors as they are. <!-- given: two -->
+# The last two numbers of the state are constants. They stand for what we do not know of the
+# sensors: by which factor the radios' distances are wrong, and by how much the gyroscope turns too
+# far in each step. The prior says one and zero. `doubt` are its standard deviations: a filter that
+# has hardly any doubt takes the sensors as they are, and one with doubt learns their faults.
+# <!-- given: two -->
 
 # %%
 recording = recordings.mower()
@@ -1002,7 +1038,7 @@ recording = recordings.mower()
 
 def mow(doubt, radios=True):
     """Returns estimated states, and the NIS of each answer of a radio."""
-    f = pp.EKF(LawnMower(), torch.eye(5), torch.eye(5))
+    f = pp.EKF(LawnMower(), torch.eye(5), torch.eye(5))  # both are given below
     Q_mower = torch.diag(torch.tensor([0.02, 0.02, 0.003, 1e-9, 1e-9])) ** 2
     R_radio = torch.tensor([[0.6**2]])  # m²
     x = torch.cat([recording.start, torch.tensor([1.0, 0.0])])
@@ -1010,7 +1046,7 @@ def mow(doubt, radios=True):
     states = []
     nis = []
     for u, k, y in zip(recording.u, recording.post, recording.distance):
-        if radios and k >= 0:
+        if radios and k >= 0:  # k: the radio that answered; -1: none did
             radio = {"R": R_radio, "g": distance_to(recording.posts[k])}
             nis.append(filters.nis(f.innovation(x, y[None], None, P, **radio)))
             x, P = f.update(x, y[None], None, P, **radio)
@@ -1027,8 +1063,8 @@ believing, believing_nis = mow(certain)
 learning, learning_nis = mow(doubtful)
 
 # %% [markdown]
-# **Predict.** The mower does not know where it is. Which of the two filters with radios should it
-# trust: can it tell? <!-- given: two -->
+# **Predict.** The mower does not know where it really is. Can it tell nevertheless which of the two
+# filters with radios it should trust, and by what? <!-- given: two -->
 
 # %% tags=["answer", "hide-input"]
 fig, (above, below) = plt.subplots(2, 1, figsize=(7, 8), height_ratios=[2, 1])
@@ -1069,21 +1105,21 @@ low_25, high_25 = filters.chi_square_interval(1, runs=25)
 claim("band_of_25", low_25 + high_25, equals=0.53 + 1.63, within=0.03)
 
 # %% [markdown] tags=["answer"]
-# It can tell by the NIS, which should be one. The filter that takes the radios as they are has
-# {claim}`mower_believing_nis`. The one that doubts them has {claim}`mower_learning_nis`, and
-# {claim}`mower_share` of its values lie above 3.84, where 5 % should. It found that the radios'
-# distances are {claim}`mower_scale` too long. The satellites agree: the errors of the two are
-# {claim}`mower_believing` and {claim}`mower_learning`, and wheels and gyroscope alone are
-# {claim}`mower_wheels` off on average. What is wrong with a sensor can be part of the state.
-# <!-- given: 3.84, 5 %, two -->
+# It can tell by the NIS, which should be one, as each answer is one number. The filter that takes
+# the radios as they are has {claim}`mower_believing_nis`. The one that doubts them has
+# {claim}`mower_learning_nis`, and {claim}`mower_share` of its values lie above 3.84, where 5 %
+# should. It found that the radios' distances are {claim}`mower_scale` too long. The satellites
+# agree: the errors of the two are {claim}`mower_believing` and {claim}`mower_learning` on average,
+# and that of wheels and gyroscope alone is {claim}`mower_wheels`. So a sensor's fault can be
+# learned by making it a part of the state. <!-- given: 3.84, 5 %, two -->
 
 # %% [markdown]
 # ## For a second reading: the whole recording at once
 #
 # *You can skip this section.* A filter knows the past. A recording also knows what came afterwards:
-# where the car ended up says something about where it must have been. The *smoother* of Rauch, Tung
-# and Striebel {cite}`rauch1965` walks back over the run and corrects each estimate by what the next
-# one has learned.
+# where the car ended up says something about where it must have been. The {term}`smoother` of
+# Rauch, Tung and Striebel {cite}`rauch1965` runs back from the end, and corrects each estimate by
+# the one after it, which knows more.
 
 # %%
 x_filter = torch.cat([run.estimate[:, :1], faults["none"][0]], dim=1)
@@ -1121,13 +1157,16 @@ smoother_half = 2 * smoother_nees.std() / 8
 claim("smoother_nees", (smoother_nees.mean() - 4).abs() / smoother_half, below=1.5)
 
 # %% [markdown]
-# In mid-lap the smoother's error is {claim}`smoother_share` of the filter's one-step prediction,
-# part of which is the observation `y[i]` itself. It cannot steer, since it needs the future.
+# In mid-lap the smoother's error is {claim}`smoother_share` times the filter's. (Part of the gain
+# is the observation `y[i]`, which the filter's estimate of `x[i]` does not yet contain.) A smoother
+# cannot steer, since it needs the future.
 #
 # **An exact test.** For a linear system with Gaussian noise all that is known of a run is one large
-# least-squares problem: where it began, each motion, each observation. Solve it whole, without a
-# filter. Its last state is what the filter should say. A cart with 30 steps has 62 unknowns and 92
-# equations, each divided by its standard deviation. <!-- given: 30 steps, 62, 92 -->
+# least-squares problem: an equation for where it began, for each motion, and for each observation,
+# divided by the standard deviation of its error. Solve it whole, without a filter. Its last state
+# is what the filter should say. A cart's position and speed over 30 steps are 62 unknowns. The
+# equations are 92: 2 for the start, 60 for the motions, 30 for the observations.
+# <!-- given: 30 steps, 62, 92, 2, 60, 30 -->
 
 # %%
 T_cart = 30
@@ -1164,8 +1203,8 @@ claim("exact_covariance", (P_filter_now - left_over).abs().max(), below=1e-9)
 # They differ by {claim}`exact_mean`, and the covariances by {claim}`exact_covariance`. A wrong
 # sign, transpose or time index would show at once.
 #
-# **Why Joseph's form.** A vague belief meets a precise sensor, with the seven digits of `float32`.
-# On paper $(I - K C) P$ is the same matrix. <!-- given: seven digits -->
+# **Why Joseph's form.** On paper $(I - K C) P$ is the same matrix. But let a vague belief meet a
+# precise sensor, and compute with the seven digits of `float32`: <!-- given: seven digits -->
 
 # %%
 P_vague = 1e4 * torch.eye(2, dtype=torch.float32)
@@ -1184,8 +1223,8 @@ claim("joseph_form", joseph_form[0, 0], above=5e-7, below=2e-6, unit="m²")
 
 # %% [markdown]
 # The gain rounds to one, and the short form leaves a variance of {claim}`short_form`: the filter
-# claims to *know*, and never listens again. Joseph's form keeps the sensor's variance,
-# {claim}`joseph_form`.
+# claims to *know* the position, and no measurement can correct it any more. Joseph's form keeps the
+# sensor's variance, {claim}`joseph_form`.
 
 # %% [markdown]
 # ## Summary
@@ -1197,8 +1236,9 @@ claim("joseph_form", joseph_form[0, 0], above=5e-7, below=2e-6, unit="m²")
 # - On the infinity the estimate is {claim}`ekf_error` off, the sensor {claim}`raw_error`.
 # - Sensors that see different things add up: odometry alone is {claim}`odometry_error` off, with
 #   three posts {claim}`three_posts_error`. One post leaves a turn about it unobservable.
-# - NEES and NIS test whether a filter is as sure as it may be. A missing $Q$ does not show in one
-#   lap (NIS {claim}`no_q_nis`) and makes the error {claim}`no_q_four_laps` times as large in four.
+# - NEES and NIS test whether a filter's errors are as large as it says. A missing $Q$ does not show
+#   in the NIS of one lap, {claim}`no_q_nis`, and makes the error {claim}`no_q_four_laps` times as
+#   large in four.
 #
 # <!-- given: ten, four -->
 #
@@ -1215,8 +1255,8 @@ claim("joseph_form", joseph_form[0, 0], above=5e-7, below=2e-6, unit="m²")
 # took 64 cars in one call. <!-- given: 64 cars -->
 #
 # **Words of this chapter:** {term}`prior`, {term}`likelihood`, {term}`posterior`,
-# {term}`Bayes filter`, {term}`innovation`, {term}`extended Kalman filter`, {term}`observability`,
-# {term}`NEES`, {term}`NIS`.
+# {term}`Bayes filter`, {term}`innovation`, {term}`extended Kalman filter`, {term}`dead reckoning`,
+# {term}`observability`, {term}`NEES`, {term}`NIS`, {term}`maximum likelihood`.
 #
 # **Further reading.** {cite:t}`thrun2005`, chapters 2, 3 and 7, on Bayes filters and landmarks;
 # {cite:t}`simon2006`, chapters 5, 9 and 13; {cite:t}`barshalom2001`, section 5.4, on NEES and NIS.

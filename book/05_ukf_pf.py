@@ -55,8 +55,8 @@ def seed(number):
 # %% [markdown]
 # Our corridor is the infinity, and the doors are two posts at the centres of the circles. They look
 # alike. In each step the car measures its distance to the nearer and to the farther one. It knows
-# its inputs, and where it starts, but not which way it looks. After five seconds it may also look
-# at a compass, a bad one. <!-- given: five seconds, two -->
+# its inputs, and where it starts, but not which way it looks. After 4.8 s it may also look at a
+# compass, a bad one. <!-- given: 4.8 s, two -->
 
 # %%
 dt = 0.1  # s
@@ -66,7 +66,7 @@ Q = process**2 * torch.eye(4)
 R = sensor**2 * torch.eye(4)
 car = pp.DubinsCar(dt)
 waypoints = infinity.waypoints()
-turn = 2 * math.pi / (32 * dt)
+turn = 2 * math.pi / (32 * dt)  # rad/s; on a circle of 1 m also the speed in m/s
 inputs = torch.tensor([[turn, turn]] * 32 + [[turn, -turn]] * 32)  # both circles
 
 
@@ -76,7 +76,8 @@ class CarBetweenPosts(pp.DubinsCar):
     def observation(self, state, input, t=None):
         posts = state.new_tensor([[-1.0, 0.0], [1.0, 0.0]])
         distances = (state[..., None, :2] - posts).norm(dim=-1)
-        return torch.cat([distances.sort(dim=-1).values, state[..., 2:]], dim=-1)
+        near_and_far = distances.sort(dim=-1).values
+        return torch.cat([near_and_far, state[..., 2:]], dim=-1)
 
 
 # %% tags=["hide-input"]
@@ -134,12 +135,12 @@ claim("found", (last_cloud.mean - last_x)[:2].norm(), below=0.25, unit="m")
 # %% [markdown]
 # ## It fails: one ellipse for a bent belief
 #
-# Begin with a milder case. The car drives blind along half a circle, from the start to the far
-# side. The heading at the start is uncertain by 35 degrees. Our state holds cosine and sine of the
-# heading instead of the angle, so that nothing jumps at half a turn. At the start the heading is
-# -90 degrees: there the cosine changes as fast as the angle, and the sine does not change. So 35
-# degrees are a standard deviation of 0.61 of the cosine.
-# <!-- given: 35 degrees, half, 90 degrees, 0.61 -->
+# Begin with a milder case. The car drives half a circle without measuring, from the start to the
+# far side. Its heading at the start has a standard deviation of 35 degrees, which is 0.61 rad. Our
+# state holds cosine and sine of the heading instead of the angle, so that nothing jumps at half a
+# turn. At the start the heading is -90 degrees: there the cosine changes as fast as the angle, and
+# the sine hardly changes. So the cosine gets the standard deviation 0.61, and the sine a small one.
+# <!-- given: 35 degrees, half, 90 degrees, 0.61 rad, 0.61 -->
 
 # %%
 spread = math.radians(35)
@@ -191,18 +192,19 @@ inside = (x_ekf[:2] - cars[:, :2].mean(0)).norm()
 claim("ekf_blind_mean", inside, above=0.2, unit="m")
 
 # %% [markdown] tags=["answer"]
-# It holds {claim}`ekf_holds`. The cars lie on an arc, and a tangent is a straight line. In its
-# direction the ellipse is long enough, and across it the EKF claims to know the position to
-# centimetres. The NEES of the position, which should be 2, is {claim}`ekf_blind_nees`. The centre
-# is wrong as well: the mean of a bent belief lies on the inside of the bend,
-# {claim}`ekf_blind_mean` away. <!-- given: 2 -->
+# It holds {claim}`ekf_holds`. The cars lie on an arc, and a tangent is a straight line. Along the
+# tangent the ellipse is long enough. Across it the EKF claims to know the position to centimetres.
+# The NEES of the position, which should be 2, is {claim}`ekf_blind_nees`. The centre is wrong as
+# well: the mean of a bent belief lies on the inside of the bend, {claim}`ekf_blind_mean` away.
+# <!-- given: 2 -->
 
 # %% [markdown]
 # ## The idea: send points through the function
 #
 # A distance and a direction become a position: $f(r, \theta) = (r \cos\theta, r \sin\theta)$. That
-# is the same bend in its simplest form. Let $r$ be 1 m with a standard deviation of 0.05 m, and
-# $\theta$ be 90 degrees, uncertain by 35. <!-- given: 1 m, 0.05 m, 90 degrees, 35 -->
+# is the same bend in its simplest form. Let $r$ have the mean 1 m and the standard deviation 0.05
+# m, and $\theta$ the mean 90 degrees and the standard deviation 35 degrees.
+# <!-- given: 1 m, 0.05 m, 90 degrees, 35 degrees -->
 
 # %%
 mean_polar = torch.tensor([1.0, math.pi / 2])
@@ -216,16 +218,20 @@ def to_position(polar):
 
 # %% [markdown]
 # Instead of the tangent take a few points around the mean that have the right mean and the right
-# covariance. They are called {term}`sigma points`. Send each through $f$, and compute the mean and
-# the covariance of what comes out. This is the {term}`unscented transform` {cite}`julier1997`.
+# covariance. They are called {term}`sigma points`. For a state of $n$ numbers they are the mean $x$
+# itself and $2n$ points around it. Take a square root $L$ of the covariance, $P = L L^\top$, such
+# as Cholesky's. From $x$ go forward and backward along each column of $L$, $\sqrt{n + k}$ times its
+# length. The number $k$ is free; the next section chooses it. Send each point through $f$, and
+# compute the mean and the covariance of what comes out. This is the {term}`unscented transform`
+# {cite}`julier1997`.
 
 
 # %%
 def sigma_points(x, P, k):
     """Returns 2n + 1 points (2n+1, n) and their weights."""
     n = len(x)
-    L = math.sqrt(n + k) * torch.linalg.cholesky(P)  # P = L L' / (n + k)
-    points = torch.cat([x[None], x + L.mT, x - L.mT])  # rows of L.mT: columns of L
+    steps = math.sqrt(n + k) * torch.linalg.cholesky(P).mT  # its rows: columns of L
+    points = torch.cat([x[None], x + steps, x - steps])
     weights = torch.full((2 * n + 1,), 0.5 / (n + k))
     weights[0] = k / (n + k)
     return points, weights
@@ -293,22 +299,24 @@ claim("points_hold", 100 * (in_points < 5.99).double().mean(), above=90, unit="%
 # %% [markdown]
 # ## Why the points are chosen so
 #
-# Let one number have mean $x$ and variance $P$. Take the points $x$ and $x \pm \sqrt{(1 + k) P}$
-# with the weights of `sigma_points`. Their mean is $x$, since the outer two cancel. Their variance
-# is
+# Let one number have mean $x$ and variance $P$. The points are $x$ and $x \pm \sqrt{(1 + k) P}$,
+# and `sigma_points` weighs each of the outer two by $\frac{1/2}{1 + k}$. Their mean is $x$, since
+# the outer two cancel. Their variance is
 #
 # $$ 2 \cdot \frac{1/2}{1 + k}\, (1 + k) P = P $$ (eq-5-variance)
 #
-# for every $k$. So the transform is exact for every function that is a parabola, whose mean depends
-# on mean and variance alone. The number $k$ is free, and can be spent on a fourth moment: a
-# Gaussian has $E[(x - m)^4] = 3 P^2$, the points have $(1 + k) P^2$, and so $k = 2$ makes both
+# for every $k$. So the mean by the points is exact for every parabola: the mean of
+# $a + b z + c z^2$ depends only on the mean and the variance of $z$. The number $k$ is still free.
+# It can give the points one more property of a Gaussian, the mean fourth power of the deviation,
+# which is $3 P^2$. That of the points is
+# $2 \cdot \frac{1/2}{1 + k} \bigl((1 + k) P\bigr)^2 = (1 + k) P^2$, and so $k = 2$ makes both
 # equal. With $n$ numbers it is $k = 3 - n$. Above three numbers that would be negative, and a
-# negative weight can make a covariance with negative variances. The library then takes $k = 0$.
+# negative weight can lead to negative variances. The library then takes $k = 0$.
 # <!-- given: two, three -->
 #
 # How good are three points, compared with a thousand drawn at random? Drive 1 m with an uncertain
-# heading. How far ahead does one get on average? The exact answer is $e^{-s^2/2}$ metres, if $s$ is
-# the heading's standard deviation. <!-- given: three, 1 m -->
+# heading. How far ahead does one get on average? If the heading is Gaussian with the standard
+# deviation $s$, the mean of its cosine is $e^{-s^2/2}$. <!-- given: three, 1 m -->
 
 # %% tags=["hide-input"]
 s = torch.linspace(0.05, 1.5, 30)
@@ -341,18 +349,19 @@ claim("thousand_off", (thousand[at] - exact[at]).abs(), below=0.03, unit="m")
 
 # %% [markdown]
 # At 37 degrees the tangent is {claim}`tangent_off` off, three points {claim}`three_off`, a thousand
-# draws {claim}`thousand_off`. Three points are hard to beat, until the belief is so wide that they
-# cannot see its shape. <!-- given: 37 degrees, three -->
+# draws {claim}`thousand_off`. A thousand draws are better only where the belief is so wide that
+# three points miss too much of the curve. <!-- given: 37 degrees, three -->
 #
-# **Scaled points.** Other libraries have three numbers, *alpha*, *beta* and *kappa*. With
-# $\lambda = \alpha^2 (n + \kappa) - n$ in the place of $k$ the points are the same; a small alpha
-# keeps them near the mean. The centre's weight in the *covariance* is larger by
+# **Scaled points**, for those who use other libraries. These have three numbers, *alpha*, *beta*
+# and *kappa*. With $\lambda = \alpha^2 (n + \kappa) - n$ in the place of $k$ the points are the
+# same; a small alpha keeps them near the mean. The centre's weight in the *covariance* is larger by
 # $1 - \alpha^2 + \beta$, and $\beta = 2$ suits Gaussians. Ours are $\alpha = 1$, $\beta = 0$,
 # $\kappa = k$. <!-- given: three -->
 #
-# **The filter** is chapter 4's, with points in the place of tangents. Let $dx$ and $dy$ be the
-# differences of the points and of their images from their means. Where chapter 4 has $P C^\top$,
-# now stands the covariance of the two:
+# **The filter** is chapter 4's, with points in the place of tangents. Let $dx$ be the difference of
+# a point from the mean of the points, $dy$ that of its image under $g$ from the mean of the images,
+# and $w$ its weight. For a linear $g$ it is $dy = C\, dx$, so $\sum w\, dx\, dy^\top$ is $P C^\top$
+# and $\sum w\, dy\, dy^\top$ is $C P C^\top$. The filter takes these sums for every $g$:
 #
 # $$
 # \begin{aligned}
@@ -360,6 +369,9 @@ claim("thousand_off", (thousand[at] - exact[at]).abs(), below=0.03, unit="m")
 # K &= \textstyle\sum w\, dx\, dy^\top S^{-1}
 # \end{aligned}
 # $$ (eq-5-gain)
+#
+# The new covariance is chapter 4's $(I - K C) P$, written without $C$: as $C P = S K^\top$, it is
+# $P - K S K^\top$.
 
 
 # %%
@@ -380,8 +392,9 @@ def ukf_predict(x, P, f, Q, k):
 
 
 # %% [markdown]
-# One step equals the library's `UKF`, and a step with a post of chapter 4, seen by distance and
-# direction, goes the same way: the measurement need not be linear, and no Jacobian is asked for.
+# We compare it with the library's `UKF`, for one whole step and for a correction by a post of
+# chapter 4, seen by distance and direction: the measurement need not be linear, and no Jacobian is
+# needed.
 
 # %%
 u = inputs[0]
@@ -414,9 +427,10 @@ claim("same_sight", (x_seen - by_ukf[0]).abs().max(), below=1e-6)
 # %% [markdown]
 # ## Particles: importance sampling
 #
-# Now give up the Gaussian. Draw $N$ states $x_k$ from what is believed before the measurement, the
-# prior. Bayes' rule multiplies the prior with the likelihood. The draws already are where the prior
-# is high, so each of them only needs a weight, its likelihood:
+# Now give up the Gaussian. Draw $N$ states $x_1, \dots, x_N$ from what is believed before the
+# measurement, the prior; $k$ counts them. Bayes' rule multiplies the prior with the likelihood. The
+# draws already are where the prior is high, so each of them only needs a weight, its likelihood,
+# which is a Gaussian in the error $e_k$:
 #
 # $$
 # \begin{aligned}
@@ -426,27 +440,27 @@ claim("same_sight", (x_seen - by_ukf[0]).abs().max(), below=1e-6)
 # \end{aligned}
 # $$ (eq-5-weight)
 #
-# Means over the posterior are weighted means of the draws. Drawing from one density and weighing
-# for another is called {term}`importance sampling`. It works as long as some draws lie where the
-# other density is high.
+# The weights are scaled so that their sum is one. Then a mean over the posterior is a weighted mean
+# of the draws. Drawing from one density and weighing for another is called
+# {term}`importance sampling`. It works as long as some draws lie where the other density is high.
 #
 # How many draws count? If one has all the weight, it is one; if all weights are equal, it is $N$.
-# The {term}`effective sample size` says it in between:
+# The {term}`effective sample size` is one and $N$ in these cases, and in between for all others:
 #
 # $$ N_\text{eff} = 1 / \textstyle\sum w_k^2 $$ (eq-5-ess)
 #
 # With each measurement the weights are multiplied by new likelihoods. Soon one draw has all the
 # weight, which is called {term}`degeneracy`. The remedy is {term}`resampling`: copy the heavy
 # particles, drop the light ones, and give all the same weight again. Put the weights end to end on
-# a line of length one, and lay a comb of $N$ evenly spaced teeth over it. Each tooth takes the
-# particle on which it falls.
+# a line of length one, and lay a comb of $N$ evenly spaced teeth over it, at a random place. Each
+# tooth takes the particle on which it falls.
 
 # %%
 weights = torch.tensor([0.05, 0.3, 0.02, 0.13, 0.25, 0.05, 0.15, 0.05])
 
 
 def systematic(weights, r):
-    """Returns which particles the teeth of the comb take; r moves the comb."""
+    """Returns which particles the teeth take; r, from 0 to 1, moves the comb."""
     teeth = (torch.arange(len(weights)) + r) / len(weights)
     return torch.searchsorted(weights.cumsum(0), teeth).clamp(max=len(weights) - 1)
 
@@ -487,16 +501,16 @@ claim("comb_unbiased", (shares - weights).abs().max(), below=2e-3)
 # **Two particle filters.** The {term}`bootstrap filter`, also called SIR, keeps its particles from
 # step to step: it weighs, resamples, and moves each with a noise of its own {cite}`gordon1993`. Its
 # belief may have any shape. The {term}`Gaussian particle filter` draws new particles from a
-# Gaussian in every step and hands on only their mean and covariance {cite}`kotecha2003`. It sees
-# the shape of the functions, as the UKF does, but its belief stays a Gaussian. PyPose's `PF` is of
-# this kind, and so is the paper's. <!-- given: Two -->
+# Gaussian in every step, and keeps only the mean and the covariance of what becomes of them
+# {cite}`kotecha2003`. It needs no tangents, as the UKF, but its belief stays a Gaussian. PyPose's
+# `PF` is of this kind, and so is the paper's. <!-- given: Two -->
 
 
 # %%
 def weigh(particles, y, u, R):
     e = y - car.observe(particles, u)
     log_weights = -(e @ torch.linalg.inv(R) * e).sum(-1) / 2  # (5.3)
-    return log_weights.softmax(0)
+    return log_weights.softmax(0)  # their exponentials, scaled to the sum one
 
 
 def bootstrap_step(particles, y, u, Q, R, generator):
@@ -504,7 +518,8 @@ def bootstrap_step(particles, y, u, Q, R, generator):
     weights = weigh(particles, y, u, R)
     r = torch.rand((), generator=generator)
     particles = car.transition(particles[systematic(weights, r)], u)
-    return particles + torch.randn(particles.shape, generator=generator) @ Q.sqrt()
+    w = torch.randn(particles.shape, generator=generator) @ Q.sqrt()  # Q is diagonal
+    return particles + w
 
 
 # %%
@@ -621,15 +636,17 @@ for name in nees:
 
 # %% [markdown] tags=["answer"]
 # None of them: EKF {claim}`ekf_error`, UKF {claim}`ukf_error`, PF {claim}`pf_error`. Each also
-# knows how good it is. The NEES of one step lies in its 95 % band at {claim}`ekf_inside`,
-# {claim}`ukf_inside` and {claim}`pf_inside` of the steps. <!-- given: 95 % -->
+# knows how good it is: the mean NEES of the 64 cars in one step lies in its 95 % band at
+# {claim}`ekf_inside`, {claim}`ukf_inside` and {claim}`pf_inside` of the steps.
+# <!-- given: 64 cars, 95 % -->
 
 # %% [markdown]
-# This is what should happen. The first estimate is good to 0.05 in each number, and over such a
-# small piece the car's functions *are* straight: tangent, points and particles see the same. Then
-# the Kalman filter is the best there is, and no number of particles can beat it. Here our results
-# differ from the numbers in the paper's source, where the PF has half the error of the EKF: with
-# the noise of this book that is not possible for a correct EKF. <!-- given: 0.05, half -->
+# This is what should happen. The first estimate has a standard deviation of 0.05 in each number,
+# and over such a small range the car's functions are nearly straight: tangent, points and particles
+# give nearly the same. For straight functions and Gaussian noise the Kalman filter has the least
+# error that is possible, and no number of particles can improve on it. Here our results differ from
+# the numbers in the paper's source, where the PF has half the error of the EKF: with the noise of
+# this book that is not possible for a correct EKF. <!-- given: 0.05, half -->
 
 # %% [markdown]
 # ## How many particles are enough?
@@ -707,15 +724,16 @@ claim("monte_carlo", numbers[2, 3] / numbers[2, 5], above=2.2, below=4.5)
 # %% [markdown] tags=["answer"]
 # The NEES. With ten particles the error is only {claim}`ten_error` times the final one, but the
 # NEES is {claim}`ten_nees`: the filter is far too sure. With a hundred it is {claim}`hundred_nees`.
-# The lowest panel shows what the draws themselves add, by the distance from the EKF. From 100 to
-# 1000 particles it becomes {claim}`monte_carlo` times smaller. The law is $1 / \sqrt N$, which
-# would be 3.16. With fewer than a hundred the law does not hold yet.
+# The lowest panel shows what the randomness of the draws adds: the distance from the EKF, which has
+# none. From 100 to 1000 particles it becomes {claim}`monte_carlo` times smaller. Errors of means of
+# $N$ draws go with $1 / \sqrt N$, which would be $\sqrt{10} = 3.16$. With fewer than a hundred
+# particles this law does not hold yet.
 # <!-- given: ten, 100, 1000, 3.16 -->
 
 # %% [markdown]
-# **The curse of dimensionality.** Four numbers need a hundred particles. And ten? Take $n$
-# independent numbers with variance one, and measure each with variance 0.1. Of a thousand draws,
-# how many still count? <!-- given: ten, 0.1 -->
+# **The curse of dimensionality.** A state of four numbers needs a hundred particles. And one of
+# ten? Take $n$ independent numbers with variance one, and measure each with noise of variance 0.1.
+# What is the effective sample size of a thousand draws? <!-- given: four, ten, 0.1 -->
 
 # %% tags=["hide-input"]
 generator = seed(0)
@@ -756,8 +774,9 @@ claim("effective_8", effective[7], below=5)
 # ## Two humps, and what particles cannot see
 #
 # Back to the car between the posts. Turn the plane by half a turn about the middle: the posts
-# change places, and so do the circles. A car and its opposite are always equally far from the two
-# posts. <!-- given: half, two -->
+# change places, and so do the circles. A car and its opposite measure the same two distances, to
+# the nearer and to the farther post. So the belief has two humps; it is *bimodal*.
+# <!-- given: half, two -->
 
 # %% tags=["hide-input"]
 shares = torch.full((64, 2), math.nan)
@@ -795,9 +814,9 @@ claim("decided", shares[60, 0], above=0.98)
 # %% [markdown]
 # Just before the compass the wrong cloud has {claim}`opposite` of the weight. The red ellipse is
 # what mean and covariance make of it. Its centre is a place where the car is surely not: within
-# half a metre of it is {claim}`at_the_mean` of the weight. A Gaussian particle filter hands on only
+# half a metre of it is {claim}`at_the_mean` of the weight. A Gaussian particle filter keeps only
 # this ellipse. The bootstrap filter keeps both humps, and once the compass has spoken, the right
-# one has {claim}`decided`. <!-- given: half -->
+# one has {claim}`decided` of the weight. <!-- given: half -->
 #
 # **A kidnapped car.** At two seconds somebody picks the car up and puts it down elsewhere, without
 # telling it. <!-- given: two seconds -->
@@ -852,28 +871,30 @@ claim("unlikely_then", log[20, 3], below=-20)
 
 # %% [markdown] tags=["answer"]
 # The EKF creeps back and is {claim}`kidnapped_ekf` off at the end. The particles are still
-# {claim}`kidnapped_pf` off. Where no particle is, no weight can go. Their effective sample size
-# falls to {claim}`effective_then` of 1000 at the moment itself, but half a second later it is
-# {claim}`effective_after` again: resampling has made copies, and copies agree with each other. The
-# effective sample size counts agreement, not truth. <!-- given: 1000, half -->
+# {claim}`kidnapped_pf` off: weights can only choose among the particles, and none is near the new
+# place. Their effective sample size falls to {claim}`effective_then` of 1000 at the moment itself,
+# but half a second later it is {claim}`effective_after` again: resampling has made copies, and
+# copies agree with each other. The effective sample size says how far the particles agree, not
+# whether they are right. <!-- given: 1000, half -->
 
 # %% [markdown]
-# What does know is the likelihood of the observation, as the NIS did in chapter 4. Where it stays
-# far too low, one draws some particles anew around what is seen {cite}`thrun2005`.
+# What does show it is the likelihood of the observation, in the lowest panel, as the NIS did in
+# chapter 4. Where it stays far too low, one draws some particles anew around what is seen
+# {cite}`thrun2005`.
 
 # %% [markdown]
 # ## Summary
 #
-# - Sigma points have the mean and the covariance of a belief. Their images are exact for parabolas,
-#   where a tangent is exact for straight lines: {claim}`points_hold` of the draws in the ellipse
-#   against {claim}`tangent_holds`.
+# - Sigma points have the mean and the covariance of a belief. The mean of their images is exact for
+#   parabolas, and a tangent's only for straight lines: {claim}`points_hold` of the draws in the
+#   ellipse against {claim}`tangent_holds`.
 # - Particles are draws with weights. The bootstrap filter keeps them, and its belief may have two
-#   humps; the Gaussian particle filter, PyPose's `PF`, hands on mean and covariance.
+#   humps; the Gaussian particle filter, PyPose's `PF`, keeps only mean and covariance.
 # - On the infinity all three filters are equally good, {claim}`ekf_error`, {claim}`ukf_error` and
 #   {claim}`pf_error`, since the belief is narrow.
 # - Too few particles show in the NEES first, {claim}`ten_nees` with ten of them. Their number grows
 #   exponentially with the dimension, by a factor of about {claim}`curse` for each number.
-# - The effective sample size counts agreement, not truth.
+# - The effective sample size says how far the particles agree, not whether they are right.
 #
 # <!-- given: two, three, ten -->
 #

@@ -62,7 +62,7 @@ generator = torch.Generator().manual_seed(0)
 #
 # Points of equal density have the same $d$, the *Mahalanobis distance* from the mean. They lie on
 # an ellipse. Its axes are the eigenvectors of $P$, and its half axes are the roots of the
-# eigenvalues, times $d$. The ellipses that this book draws around a position have $d = 2$.
+# eigenvalues, times $d$.
 
 # %%
 mean = torch.tensor([0.5, 0.2])  # m
@@ -121,7 +121,8 @@ claim("inside_two", share_two, equals=law_two, within=3, unit="%")
 # dimensions $d^2$ is less than $c$ with the probability $1 - e^{-c/2}$: of our draws,
 # {claim}`inside_one` lie inside the inner ellipse and {claim}`inside_two` inside the outer one. In
 # one dimension it would be 68 % and 95 %, so an ellipse of $d = 2$ promises less than a reader may
-# expect. <!-- given: 68 %, 95 % -->
+# expect. The ellipses of the chapters hold 95 %, for which $d$ is the root of $-2 \log 0.05$, about
+# 2.45. <!-- given: 68 %, 95 %, 2.45 -->
 #
 # **Nonlinear functions** do not keep a Gaussian Gaussian. Two remedies are used: replace the
 # function by its tangent at the mean and apply {eq}`eq-m-linear`, as the extended Kalman filter of

@@ -15,9 +15,9 @@
 #
 # This lab belongs to [chapter 5](../book/05_ukf_pf.py). You write sigma points and the unscented
 # transform, weights that do not vanish, and the resampling comb, find out which ways of resampling
-# are biased, and locate a car that hears only how far two posts are. Each exercise says how long it
-# takes, has three hints to open one after the other, and ends in a check. All of them together take
-# about 100 minutes. <!-- given: 100 minutes -->
+# are biased, and locate a car that hears only how far three posts are. Each exercise says how long
+# it takes, has three hints to open one after the other, and ends in a check. All of them together
+# take about 100 minutes. <!-- given: three, 100 minutes -->
 
 # %% tags=["setup"]
 import math
@@ -109,7 +109,7 @@ check("5.2", unscented)
 # *10 minutes. Numbers that vanish.*
 #
 # A particle's weight is a product of many likelihoods, and such products are too small for a float:
-# $e^{-800}$ is 0. So weights are kept as logarithms, which need not sum to anything. Write the
+# $e^{-800}$ is 0. So weights are kept as logarithms, and are not normalised. Write the
 # effective sample size $1 / \sum w_k^2$ of normalised weights $w_k$, from `log_weights` $(N)$. Some
 # may be `-inf`, which is the weight 0. Return one number.
 #
@@ -186,8 +186,9 @@ check("5.4", systematic)
 # :::
 #
 # :::{dropdown} Hint 2
-# The mean counts of independent draws are off by about $\sqrt{N w_k / M}$ after $M$ calls. Your
-# tolerance has to be larger than that, and smaller than the bias that you want to see.
+# With independent draws the mean count of a particle after $M$ calls has a standard deviation of
+# about $\sqrt{N w_k / M}$. Your tolerance has to be larger than that, and smaller than the bias
+# that you want to see.
 # :::
 #
 # :::{dropdown} Hint 3

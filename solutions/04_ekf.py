@@ -38,9 +38,9 @@ torch.set_default_dtype(torch.float64)
 #
 # *10 minutes. Warm-up.*
 #
-# Write the correction of the Kalman filter. `x` $(n)$ and `P` $(n, n)$ are the belief, `y` $(p)$ is
-# a measurement $y = C x + v$, `C` is $(p, n)$, and `R` $(p, p)$ is the covariance of $v$. Return
-# the new `x` and `P`.
+# Write the correction of the Kalman filter. `x` $(n)$ and `P` $(n, n)$ are the belief, its mean and
+# covariance. `y` $(p)$ is a measurement $y = C x + v$, `C` is $(p, n)$, and `R` $(p, p)$ is the
+# covariance of the noise $v$. Return the new `x` and `P`.
 #
 # :::{dropdown} Hint 1
 # The innovation is $e = y - C x$, and its covariance is $S = C P C^\top + R$.
@@ -70,7 +70,7 @@ def kalman_update(x, P, y, C, R):
 # The short form $(I - K C) P$ passes the check as well. With the numbers of the check both are
 # equal up to rounding. They part where a vague belief meets a precise sensor in `float32`: with
 # $P = 10^4 I$ and $R = 10^{-6}$ the short form leaves a variance of exactly zero, and the filter
-# believes that it knows.
+# then ignores all further measurements.
 
 # %%
 check("4.1", kalman_update)
@@ -167,7 +167,7 @@ def update_with_gaps(x, P, y, C, R):
 # A missing number must not be replaced by zero, nor by what was expected: the first moves the
 # estimate to a wrong place, and the second makes $P$ smaller although nothing was learned. In a
 # batch, where each member may miss other rows, the library puts a zero into the innovation and into
-# the rows of $C$, and a one on the diagonal of $S$. It is the same.
+# the rows of $C$, and a one on the diagonal of $S$. That gives the same result.
 
 # %%
 check("4.3", update_with_gaps)
@@ -177,10 +177,11 @@ check("4.3", update_with_gaps)
 #
 # *15 minutes. A fault, found by the NIS.*
 #
-# A cart is driven by accelerations `u` $(T, 1)$ and its position is measured, `y` $(T, 1)$. The
-# sensor may be late: `y[i]` may belong to the state of 0, 1, 2, 3 or 4 steps before. The error of
-# the estimate is not known on a real cart, but the NIS is. Here is the filter of the cart, which
-# pairs `y[i]` with `u[i]`: <!-- given: 4 steps -->
+# The state of a cart is its position and its speed. It is driven by accelerations `u` $(T, 1)$, and
+# its position is measured, `y` $(T, 1)$. The sensor may be late: `y[i]` may belong to the state of
+# 0, 1, 2, 3 or 4 steps before. The error of the estimate is not known on a real cart, but the NIS
+# is. Here is the filter of the cart, which takes `y[i]` for a measurement of the state in which
+# `u[i]` is given: <!-- given: 4 steps -->
 
 # %%
 A = recordings.A
@@ -240,9 +241,9 @@ def find_delay(y, u):
 
 
 # %% [markdown] tags=["solution"]
-# A late measurement leaves its mark in the NIS because the filter expects it elsewhere. The symptom
-# is an innovation that is too large whenever the cart moves fast, always in the direction opposite
-# to the motion. A wrong $R$ would make it too large at rest, too.
+# A late measurement shows in the NIS because the cart is no longer where it was measured. The
+# innovation is too large whenever the cart moves fast, and always points against the motion. With a
+# wrong $R$ the NIS would be too large at rest, too.
 
 # %%
 check("4.4", find_delay)
@@ -306,8 +307,8 @@ check("4.5", is_kalman_filter)
 #
 # A car drives a circle 64 times. Neither the noise of its motion nor that of its sensor is known.
 # Both have the same standard deviation in each of the four numbers. Choose `process` and `sensor`
-# so that the filter is as sure as it may be: its mean NIS within 3.6 and 4.4, and its mean NEES
-# within 3.4 and 4.6, also for recordings of the same car that you have not seen. `scores` computes
+# so that the filter is as sure as it should be: its mean NIS between 3.6 and 4.4, and its mean NEES
+# between 3.4 and 4.6, also for recordings of the same car that you have not seen. `scores` computes
 # both. <!-- given: 64 times, four, 3.6, 4.4, 3.4, 4.6 -->
 
 # %%
@@ -364,17 +365,20 @@ check("4.6", (process, sensor))
 # %% [markdown]
 # ## Exercise 4.7: Learn the noise
 #
-# *25 minutes. Differentiate through it.*
+# *25 minutes. Differentiate through the filter.*
 #
 # A number moves at random, $x_{i+1} = x_i + w_i$, and is measured, $y_i = x_i + v_i$. You get 32
 # recordings of 60 steps, `y` $(32, 60)$, and look for the standard deviations of $w$ and $v$. If a
 # filter is right, its innovations are Gaussian with mean zero and variance $S_i$. So choose the
-# noises for which the innovations that did occur are most likely, that is, minimise the mean of
+# noises for which the innovations that did occur are most likely, which is called *maximum
+# likelihood*. The logarithm of a Gaussian's density, with its sign changed and without a constant,
+# is
 #
 # $$ \tfrac12 \Bigl( \frac{e_i^2}{S_i} + \log S_i \Bigr) $$
 #
-# The first part wants $S$ to be large, the second penalises it. The loss is differentiable, through
-# all 60 steps of the filter. Return both to within 20 %. Begin with $x = 0$ and $P = \sigma_w^2$.
+# Minimise its mean. The first part becomes small with a large $S$, and the second keeps $S$ from
+# growing. The loss is differentiable, through all 60 steps of the filter. Return both standard
+# deviations to within 20 %. Begin with $x = 0$ and $P = \sigma_w^2$, the variance of $w$.
 # <!-- given: 32 recordings, 60 steps, 20 % -->
 #
 # :::{dropdown} Hint 1
@@ -416,10 +420,9 @@ def learn_noise(y):
 
 
 # %% [markdown] tags=["solution"]
-# Nobody knew the truth. The recordings alone told how noisy both are, because the two noises leave
-# different marks: that of the sensor makes neighbouring innovations differ, that of the motion
-# makes them drift. Where one is much smaller than the other, as on our infinity, it is hard to
-# learn.
+# No true state was needed. The recordings alone tell how large the two noises are, because they
+# look different: the sensor's makes neighbouring measurements differ, and the motion's makes them
+# drift. Where one is much smaller than the other, as on our infinity, it is hard to learn.
 
 # %%
 check("4.7", learn_noise)
@@ -433,8 +436,8 @@ check("4.7", learn_noise)
 # recorded as `y` $(T, 4)$, off by 0.1 m and 0.1 rad (standard deviations), and so is the command
 # `u` $(T, 2)$ that it was then given, a speed in m/s and a turn rate in rad/s. Return estimates of
 # the states $(T, 4)$ whose mean position error is less than half that of `y`, also for walks that
-# you have not seen. `y[i]` and `u[0]` to `u[i - 1]` may be used for the estimate of step $i$, as a
-# robot could that walks. <!-- given: 0.1 s, 0.1 m, 0.1 rad, half -->
+# you have not seen. The estimate of step $i$ may use `y[0]` to `y[i]` and `u[0]` to `u[i - 1]`,
+# which is what a walking robot knows at that time. <!-- given: 0.1 s, 0.1 m, 0.1 rad, half -->
 
 # %%
 seen_x, seen_y, seen_u = recordings.dog_walk(0)

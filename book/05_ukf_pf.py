@@ -502,7 +502,7 @@ claim("comb_unbiased", (shares - weights).abs().max(), below=2e-3)
 # step to step: it weighs, resamples, and moves each with a noise of its own {cite}`gordon1993`. Its
 # belief may have any shape. The {term}`Gaussian particle filter` draws new particles from a
 # Gaussian in every step, and keeps only the mean and the covariance of what becomes of them
-# {cite}`kotecha2003`. It needs no tangents, as the UKF, but its belief stays a Gaussian. PyPose's
+# {cite}`kotecha2003`. Like the UKF it needs no tangents, but its belief stays a Gaussian. PyPose's
 # `PF` is of this kind, and so is the paper's. <!-- given: Two -->
 
 

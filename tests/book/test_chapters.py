@@ -7,7 +7,7 @@ import jupytext
 import pytest
 from small_books import CLAIM, ERROR, FIGURE, PROSE
 
-from pypose_lite.teaching.proofread import OLD_FORM, shared_headings
+from pypose_lite.teaching.proofread import shared_headings
 from pypose_lite.teaching.site import api, contents, scoreboard
 from pypose_lite.teaching.site.pages import notebooks, texts
 
@@ -65,7 +65,7 @@ def test_a_chapter_is_a_notebook_that_jupyterlab_can_start(path):
 
 
 def test_lessons_have_headings_of_their_own():
-    lessons = {path.stem: jupytext.read(path) for path in CHAPTERS if path.stem not in OLD_FORM}
+    lessons = {path.stem: jupytext.read(path) for path in CHAPTERS}
     assert shared_headings(lessons) == []
 
 

@@ -12,13 +12,12 @@ import jupytext
 import pytest
 from small_books import LESSON
 
-from pypose_lite.teaching.proofread import OLD_FORM
 from pypose_lite.teaching.site import lab as readers
 from pypose_lite.teaching.site.plain import Plain
 from pypose_lite.teaching.site.stage import for_download
 
 ROOT = Path(__file__).parents[2]
-LESSONS = [path.stem for path in sorted((ROOT / "book").glob("0*.py")) if path.stem not in OLD_FORM]
+LESSONS = [path.stem for path in sorted((ROOT / "book").glob("[01]*.py"))]
 HAS_RUN = re.compile(r"\[\d+\]:")
 ERROR = '[data-mime-type="application/vnd.jupyter.stderr"]:has-text("Traceback")'
 ROLE = re.compile(r"\{[\w:-]+\}`|:::|\{(claim|cite|eq|term|eval)\b|<!--")

@@ -12,7 +12,6 @@ import nbformat
 import pytest
 from bs4 import BeautifulSoup
 
-from pypose_lite.teaching.proofread import OLD_FORM
 from pypose_lite.teaching.site import contents
 from pypose_lite.teaching.site.pages import notebooks
 from pypose_lite.teaching.site.stage import all_equations
@@ -21,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 HTML = ROOT / "build" / "site" / "_build" / "html"
 NAMES = contents.names()
 CHAPTERS = [name for name in NAMES if name in notebooks()]
-LESSONS = [name for name in CHAPTERS if "/" not in name and name not in OLD_FORM]
+LESSONS = [name for name in CHAPTERS if "/" not in name]
 ROLE = re.compile(r"\{[\w:-]+\}`|:::|<!--")
 UNFOLD = "document.querySelectorAll('details').forEach((fold) => (fold.open = true))"
 
@@ -137,7 +136,7 @@ def test_the_site_has_the_title_of_the_book_and_a_logo():
     assert (HTML / brand.find("img")["src"]).exists()
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in OLD_FORM])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_phone_shows_a_page_without_scrolling_sideways(name, page):
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto((HTML / f"{name}.html").as_uri())

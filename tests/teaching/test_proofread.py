@@ -6,7 +6,7 @@ import jupytext
 import nbformat
 import pytest
 
-from pypose_lite.teaching.proofread import OLD_FORM, complaints, shared_headings
+from pypose_lite.teaching.proofread import complaints, shared_headings
 from pypose_lite.teaching.proofread.code import folded_names, long_cells, statements, wide_lines
 from pypose_lite.teaching.proofread.prose import (
     headings_in_answers,
@@ -421,20 +421,6 @@ def test_a_complaint_begins_with_the_file_and_the_line(chapter):
     first, second = chapter(SOURCE)
     assert first.startswith("book/10_new.py:8: prose states '0.21 m'")
     assert second.startswith("book/10_new.py:13: two statements on a line")
-
-
-@pytest.mark.skipif(not OLD_FORM, reason="every chapter is in the new form")
-def test_a_chapter_in_the_old_form_is_held_to_the_old_rules(chapter):
-    old = max(OLD_FORM)
-    [complaint] = chapter(SOURCE, f"{old}.py")
-    assert complaint.startswith(f"book/{old}.py:8: prose states")
-    [complaint, _] = chapter(SOURCE + SETUP, f"{old}.py")
-    assert complaint.endswith(f"is in the new form: take {old} off OLD_FORM in proofread")
-
-
-def test_a_lab_is_in_the_new_form():
-    name = max(OLD_FORM, default="03_mpc")
-    assert len(complaints(lesson(SOURCE), Path(f"solutions/{name}.py"))) == 2
 
 
 def test_a_lab_may_count_in_words():

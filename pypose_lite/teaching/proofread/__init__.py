@@ -12,26 +12,21 @@ from . import code, prose, shown
 from .fault import Fault, cell_lines
 from .prose import REFERENCE
 
-__all__ = ["OLD_FORM", "REFERENCE", "Fault", "complaints", "prose", "shared_headings"]
+__all__ = ["REFERENCE", "Fault", "complaints", "prose", "shared_headings"]
 
-# Chapters that are still in the form of before lessons and labs: fewer rules hold for them. One
-# that is rewritten leaves the list; when it is empty, it goes.
-OLD_FORM = frozenset(["09_go1"])
-ALWAYS = [
+RULES = [
     prose.measured_numbers,
+    prose.numbers_in_words,
+    prose.predictions,
+    prose.headings_in_answers,
     shown.figures_without_claim,
     shown.figures_that_are_not_there,
+    shown.figures_without_text,
+    shown.claims_in_their_cells,
     shown.claims_twice,
     shown.claims_unmade,
     shown.refused_answers,
     code.wide_lines,
-]
-LESSONS = [
-    prose.numbers_in_words,
-    prose.predictions,
-    prose.headings_in_answers,
-    shown.figures_without_text,
-    shown.claims_in_their_cells,
     code.long_cells,
     code.statements,
     code.folded_names,
@@ -46,20 +41,11 @@ def complaints(notebook: Any, path: Path | None = None) -> list[str]:
         notebook: with its outputs.
         path: of its source, ``book/03_mpc.py``; each complaint begins with it and with the line.
     """
-    page = f"{path.parent.name}/{path.stem}".removeprefix("book/") if path else ""
-    faults = [fault for rule in _rules(page) for fault in rule(notebook)]
-    if page in OLD_FORM and _is_lesson(notebook):
-        faults.append(Fault(0, 0, f"is in the new form: take {page} off OLD_FORM in proofread"))
+    lab = path is not None and path.parent.name == "solutions"
+    rules = [rule for rule in RULES if not (lab and rule is prose.numbers_in_words)]  # its tasks'
+    faults = [fault for rule in rules for fault in rule(notebook)]
     lines = cell_lines(path, len(notebook.cells))
     return [fault.at(path, lines) for fault in sorted(faults, key=lambda f: (f.cell, f.line))]
-
-
-def _rules(page: str) -> list:
-    """The rules that hold for a page. In a lab, counts in words are those of its tasks."""
-    if page in OLD_FORM:
-        return ALWAYS
-    lab = page.startswith("solutions/")
-    return ALWAYS + [rule for rule in LESSONS if not (lab and rule is prose.numbers_in_words)]
 
 
 def shared_headings(chapters: dict[str, Any]) -> list[str]:
@@ -79,8 +65,3 @@ def shared_headings(chapters: dict[str, Any]) -> list[str]:
                 )
             found.setdefault(heading, name)
     return wrong
-
-
-def _is_lesson(notebook: Any) -> bool:
-    """Whether a chapter folds its set-up, as lessons do."""
-    return any("setup" in cell.metadata.get("tags", []) for cell in notebook.cells)

@@ -107,7 +107,7 @@ claim("largest_error", infinity.tracking_error(driven).max(), below=0.1, unit="m
 # | [6 Curves, poses](06_splines.py), [lab](../exercises/06_splines.py) | How does a car get back? |
 # | [7 All together](07_all_together.py), [lab](../exercises/07_all_together.py) | What pays? |
 # | [8 Learning](08_learning.py), [lab](../exercises/08_learning.py) | What do gradients find? |
-# | [9 The Go1](09_go1.py) | Does the same loop walk a robot? |
+# | [9 The Go1](09_go1.py), [lab](../exercises/09_go1.py) | Does the same loop walk a robot? |
 #
 # Three appendices go further: [from pypose_lite to PyPose](to_pypose.py),
 # [the same infinity with other tools](other_tools.py), and [the mathematics used](mathematics.py).

@@ -1,0 +1,369 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Lab 9: The Go1
+#
+# This lab belongs to [chapter 9](../book/09_go1.py). You read a state of the robot byte by byte and
+# write a command, construct damage that no checksum of this kind finds, write a watchdog and a loop
+# that stops the robot whatever happens, and find out from logs what is wrong with a robot, and how
+# late it is. Each exercise says how long it takes, has three hints to open one after the other, and
+# ends in a check. All of them together take about 115 minutes. <!-- given: 115 minutes -->
+
+# %% tags=["setup"]
+import math
+import struct
+
+import torch
+
+from pypose_lite import go1
+from pypose_lite.go1.wire import protocol
+from pypose_lite.teaching import check, plotting, progress
+from pypose_lite.teaching.checks.robot_logs import KINDS, walk_log
+
+plotting.use_style()
+torch.set_default_dtype(torch.float64)
+
+# %% [markdown]
+# The chapter's checksum, which you may use everywhere:
+
+
+# %%
+def checksum(data):
+    """Returns the remainder of the words in data: CRC-32/MPEG-2."""
+    g = 0x04C11DB7  # the divisor without its leading 1
+    register = 0xFFFFFFFF
+    for (word,) in struct.iter_unpack("<I", data):
+        register ^= word
+        for _ in range(32):
+            leading_bit = register >> 31
+            register = (register << 1) & 0xFFFFFFFF
+            if leading_bit:
+                register ^= g
+    return register
+
+
+# %% [markdown]
+# ## Exercise 9.1: A state, byte by byte
+#
+# *10 minutes. Warm-up.*
+#
+# The robot's state is 1087 bytes. These are some of its fields; offsets count from 0, and a number
+# of four bytes is a `float`, its lowest byte first.
+#
+# | field | from byte | bytes | what it is |
+# |:--|--:|--:|:--|
+# | `imu.quaternion` | 22 | 16 | $w, x, y, z$ |
+# | `imu.rpy` | 62 | 12 | roll, pitch, heading, rad |
+# | `bms.status` | 837 | 1 | the battery's status |
+# | `bms.soc` | 838 | 1 | the battery's charge, % |
+# | `position` | 895 | 12 | $x, y, z$ of the odometry, m |
+# | `velocity` | 911 | 12 | forward, left, unclear, m/s |
+# | `yaw_speed` | 923 | 4 | turn rate, rad/s |
+#
+# Write a function that returns six numbers: the charge, $x$, $y$, the heading, the forward speed
+# and the turn rate. Here is a state to try it on:
+
+# %%
+with go1.connect("sim", start=(0.0, 0.0, 0.0)) as robot:
+    robot.move(0.5, 0.2)
+    robot.wait(1.0)
+    data = protocol.encode_state(robot.state)
+print(len(data), "bytes, beginning with", data[:8].hex(" "))
+
+# %% [markdown]
+# :::{dropdown} Hint 1
+# `data[838]` is a number already: bytes are numbers from 0 to 255.
+# :::
+#
+# :::{dropdown} Hint 2
+# `struct.unpack_from("<ff", data, 895)` returns a tuple of two floats.
+# :::
+#
+# :::{dropdown} Hint 3
+# The heading is the third of the three angles, so it lies at byte 62 + 8.
+# :::
+
+
+# %%
+def read_state(data):
+    """Returns charge (%), x, y (m), heading (rad), speed (m/s), turn rate (rad/s)."""
+    raise NotImplementedError("9.1 A state, byte by byte")
+
+
+# %%
+print("charge, x, y, heading, speed, turn rate:", read_state(data))
+check("9.1", read_state)
+
+# %% [markdown]
+# ## Exercise 9.2: A command, sealed
+#
+# *15 minutes. Warm-up.*
+#
+# Write the packet of 129 bytes that tells the robot to walk at a trot, forward with `v` m/s and
+# turning with `turn` rad/s. All that the table does not name is 0.
+#
+# | from byte | bytes | what it is |
+# |--:|--:|:--|
+# | 0 | 2 | `FE EF`, a packet begins |
+# | 2 | 1 | `EE`, the level |
+# | 22 | 1 | mode, 2 is walk |
+# | 23 | 1 | gait, 1 is trot |
+# | 53 | 12 | speed forward, speed to the left, turn rate |
+# | 125 | 4 | checksum of the first 124 bytes |
+#
+# :::{dropdown} Hint 1
+# A `bytearray(129)` is full of zeros and can be written to.
+# :::
+#
+# :::{dropdown} Hint 2
+# `struct.pack_into("<fff", packet, 53, ...)` writes three floats. Yours does not walk sideways.
+# :::
+#
+# :::{dropdown} Hint 3
+# `struct.pack_into("<I", packet, 125, ...)` writes the checksum. It comes last, when all the rest
+# is in its place.
+# :::
+
+
+# %%
+def command_packet(v, turn):
+    """Returns the 129 bytes of a command to trot with v (m/s) and turn (rad/s)."""
+    raise NotImplementedError("9.2 A command, sealed")
+
+
+# %%
+check("9.2", command_packet)
+
+# %% [markdown]
+# ## Exercise 9.3: Damage that goes unseen
+#
+# *20 minutes. A derivation, checked by numbers.*
+#
+# The chapter says that damage $e(x)$ goes unseen exactly if the divisor $g(x)$ divides it.
+# Construct such damage: return 124 bytes that differ from `data` in some bits and have the same
+# checksum, whatever `data` is.
+#
+# Two things to mind. The constant `0x04C11DB7` holds 32 bits of $g$, all but the leading 1. And the
+# robot reads words of four bytes, lowest byte first, and then each word from its highest bit on.
+#
+# :::{dropdown} Hint 1
+# The simplest multiple of $g$ is $g$ itself, and $g$ times a power of $x$ is $g$ moved to another
+# place. As a row of 33 bits it is a 1, followed by the 32 bits of the constant.
+# :::
+#
+# :::{dropdown} Hint 2
+# In the order of reading, the last bit of one word is followed by the 32 bits of the next.
+# :::
+#
+# :::{dropdown} Hint 3
+# Unpack the data into 31 words with `struct.unpack("<31I", data)`. Flip the lowest bit of a word,
+# `^= 1`, and add the constant to the next one.
+# :::
+
+
+# %%
+def unseen_damage(data):
+    """Returns other data (124 bytes) with the same checksum."""
+    raise NotImplementedError("9.3 Damage that goes unseen")
+
+
+# %%
+check("9.3", unseen_damage)
+
+# %% [markdown]
+# ## Exercise 9.4: A watchdog
+#
+# *15 minutes. The robot.*
+#
+# The sender calls this function 200 times a second, and sends what it returns. `motion` is the last
+# one that the planner asked for, $[v, \dot\theta]$, at the time `asked_at`; something new was last
+# heard of the robot at `heard_at`. All times are in seconds. <!-- given: 200 times -->
+#
+# - The motion goes out while both are younger than `patience`, else $[0, 0]$.
+# - Neither a clock that was set back, nor a time or a motion that is no number, may keep the dog
+#   walking.
+#
+# :::{dropdown} Hint 1
+# The two ages are `now - asked_at` and `now - heard_at`. Each has to be small enough, by itself.
+# :::
+#
+# :::{dropdown} Hint 2
+# An age below zero is no age. And every comparison with `nan` is false, so ask in such a way that
+# "false" means "stop".
+# :::
+#
+# :::{dropdown} Hint 3
+# `0 <= now - asked_at < patience`; and `math.isfinite` for both numbers of the motion.
+# :::
+
+
+# %%
+def goes_out(now, motion, asked_at, heard_at, patience):
+    """Returns the motion [v, turn] to be sent now."""
+    raise NotImplementedError("9.4 A watchdog")
+
+
+# %%
+check("9.4", goes_out)
+
+# %% [markdown]
+# ## Exercise 9.5: A stop, whatever happens
+#
+# *15 minutes. The robot.*
+#
+# Write the loop. `plan(pose)` returns the next motion `(v, turn)`, or `None` when the way is done.
+# Ask the robot for its `pose()`, plan, `move(v, turn)`, `wait(dt)`, and so on. At the end, and
+# however it comes, the robot's last call has to be `stop()`: when the way is done, when the planner
+# or the robot raises an error, and when somebody presses Ctrl-C. An error has to go on to whoever
+# called, after the stop.
+#
+# :::{dropdown} Hint 1
+# Write the loop first, without any mishap.
+# :::
+#
+# :::{dropdown} Hint 2
+# Python has a statement for "in any case": `try: ... finally: ...`. It does not swallow errors.
+# :::
+#
+# :::{dropdown} Hint 3
+# The whole loop belongs into the `try`, also the first `pose()`; `robot.stop()` is all that belongs
+# into the `finally`.
+# :::
+
+
+# %%
+def walk_along(robot, plan, dt):
+    """Walks until plan returns None; stops the robot in any case."""
+    raise NotImplementedError("9.5 A stop, whatever happens")
+
+
+# %%
+check("9.5", walk_along)
+
+# %% [markdown]
+# ## Exercise 9.6: What does this robot have?
+#
+# *20 minutes. A fault, to be found in logs.*
+#
+# Five dogs walked straight on for 6 s, at a speed that changes every second. One is well, the
+# others have something each:
+#
+# - `"deaf"`: it is a Pro, and the level flag is not the one that it takes;
+# - `"frozen"`: its program hangs after a while;
+# - `"lossy"`: most of the packets are lost;
+# - `"late"`: packets take 0.15 s each way, three times as long as on the chapter's bad network.
+#
+# A log has four columns: `t`, `told`, `seen` and `age`. There is a row for each new state that
+# came, 50 a second if all is well. `age` says how old the state before had become by then.
+# <!-- given: 6 s, 0.15 s, three times -->
+
+# %% tags=["hide-input"]
+fig, panels = plotting.stacked(5, height=1.7, sharex=True)
+for ax, kind in zip(panels, KINDS):
+    log = walk_log(kind)
+    ax.step(log.t, log.told, where="post", color=plotting.GREY, label="told")
+    ax.plot(log.t, log.seen, ".", ms=3, label="seen")
+    ax.set(title=kind, ylabel="m/s", ylim=(-0.1, 1))
+panels[-1].set(xlabel="time (s)", xlim=(-0.1, 6.6))
+panels[0].legend(loc="upper right", ncols=2)
+plotting.show(
+    fig,
+    "Speeds told and seen against time, for five robots. Deaf: seen stays at zero. "
+    "Frozen: the rows end. Lossy: rows are missing everywhere. Late: seen follows "
+    "long after told.",
+)
+ages = {kind: walk_log(kind).age for kind in KINDS}
+for kind, age in ages.items():
+    print(f"{kind}: mean age {age.mean():.3f} s, {len(age)} rows")
+
+# %% [markdown]
+# Write a function that looks at a log and says one of the five words: `"healthy"`, `"deaf"`,
+# `"frozen"`, `"lossy"` or `"late"`. The check tries it on logs of other walks.
+#
+# :::{dropdown} Hint 1
+# Ask in an order in which each question is safe: does it move at all? Does the log end early? Do
+# rows come at their rate? What is left is well or late.
+# :::
+#
+# :::{dropdown} Hint 2
+# The dog that is told and does not move is stopped by the library after a while. So look at `seen`
+# first, and at the end of the log only afterwards.
+# :::
+#
+# :::{dropdown} Hint 3
+# For the last question shift `seen` by 15 rows (0.3 s) and compare: does it fit `told` better or
+# worse than shifted by 5? <!-- given: 0.3 s -->
+# :::
+
+
+# %%
+def diagnose(log):
+    """Returns "healthy", "deaf", "frozen", "lossy" or "late"."""
+
+    raise NotImplementedError("9.6 What does this robot have?")
+
+
+# %%
+check("9.6", diagnose)
+
+# %% [markdown]
+# ## Exercise 9.7: Lag and delay of a stranger
+#
+# *20 minutes. Design.*
+#
+# A log of 10 s: times `t` $(N)$, and what was seen and told, both $(N, 2)$ with a speed in m/s and
+# a turn rate in rad/s. The legs may have a lag of 0.05 to 0.4 s, the line a delay of up to 0.3 s,
+# there and back. Return `lag, delay`, both to 0.02 s.
+# <!-- given: 10 s, 0.05, 0.4 s, 0.3 s, 0.02 s -->
+#
+# :::{dropdown} Hint 1
+# The model is the chapter's: every change of what was told starts an exponential, `delay` later.
+# :::
+#
+# :::{dropdown} Hint 2
+# Only two numbers are unknown. The mean square of the misfit on a grid of 0.02 s is 16 by 16
+# numbers, and needs no derivative. <!-- given: 0.02 s -->
+# :::
+#
+# :::{dropdown} Hint 3
+# Around the best of the grid try a finer one.
+# :::
+
+
+# %%
+def find_lag_and_delay(t, seen, told):
+    """Returns the lag and the delay (s) that explain what was seen."""
+
+    raise NotImplementedError("9.7 Lag and delay of a stranger")
+
+
+# %%
+check("9.7", find_lag_and_delay)
+
+# %% [markdown]
+# ## To go on
+#
+# Start a robot in one terminal, and walk it from another:
+#
+# ```
+# python -m pypose_lite.go1.simulator --port 8082 --loss 0.05 --delay 0.05
+# python -m pypose_lite.go1 walk --robot udp://127.0.0.1:8082 --log walk.csv
+# ```
+#
+# Make the line worse, with `--loss` and `--delay`, until the walk fails. Then find out from
+# `walk.csv` alone, by what you have written here, why it failed. A good answer names the first row
+# in which something is wrong, says which rule stopped the dog, if one did, and what the planner
+# believed at that moment.
+
+# %%
+progress()

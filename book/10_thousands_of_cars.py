@@ -886,7 +886,8 @@ print("tasks that were done after that:", len(done_now))
 # %%
 def accident(done):
     if done == 3:
-        print("killed: process", study.kill_a_worker(client))
+        study.kill_a_worker(client)
+        print("a worker was killed")
 
 
 with study.workers(2) as client:

@@ -15,7 +15,8 @@ DPI = 110  # of a figure of 7 inches: 770 pixels, the width of the page
 class Picture:
     """A picture that JupyterLab and the page show in the same way.
 
-    ``data`` are its bytes, ``alt`` says in words what it shows, ``format`` is png or gif.
+    ``data`` are its bytes, ``alt`` says in words what it shows, ``format`` is png, jpeg
+    or gif.
     """
 
     data: bytes

@@ -5,7 +5,7 @@
 # make exercises             the exercises, from their solutions
 # make homework              the labs for a course: notebooks for students, keys, autograders
 # make page CHAPTER=03_mpc   one page alone, run and built (exercises/03_mpc, solutions/03_mpc)
-# make picture               the README's picture, from the opening page
+# make picture               the README's pictures: the opening page's film, and a dog with legs
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew
 # make other-tools   the same plan by other tools, recorded for the book's page of them
 # make wheel   the wheel, in dist/; with TAG=v0.1.0 only if that is its version
@@ -98,6 +98,7 @@ page: $(filter build/executed/$(CHAPTER).ipynb,$(NOTEBOOKS)) build/npm/.complete
 
 picture: build/executed/index.ipynb
 	python book/site/picture.py $< book/infinity.gif
+	python -m pypose_lite.teaching.legged pypose_lite/teaching/legged/dog_on_infinity.jpg
 
 lab: .venv/.installed
 	@python -m pypose_lite.teaching.site.lab stage build/executed lab

@@ -4,6 +4,7 @@ Both take any walk of `poses.walked`. Without OpenGL they draw stick figures ins
 """
 
 import io
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -20,10 +21,20 @@ from . import poses, render, sticks
 from .poses import walked
 from .scene import DPI, Array, Camera, Shot
 
-__all__ = ["film", "snapshots", "walked"]
+__all__ = ["film", "on_infinity", "snapshots", "walked"]
 
 APART = 0.85  # m: a little more than a dog is long
 QUALITY = 88  # of JPEG
+KEPT = Path(__file__).with_name("dog_on_infinity.jpg")  # which `make picture` makes
+ON_INFINITY = (
+    "Eleven snapshots of a four-legged robot in one picture. It walks a figure of eight on a light "
+    "floor; a blue line of dots is the way that it has recorded, and red discs are the waypoints."
+)
+
+
+def on_infinity() -> Picture:
+    """Returns the picture of a whole lap that README and opening page show."""
+    return Picture(KEPT.read_bytes(), ON_INFINITY, "jpeg")
 
 
 def snapshots(

@@ -42,7 +42,7 @@ class Camera:
 
     width: int
     lookat: tuple[float, float, float] = (0.0, -0.2, 0.1)
-    distance: float = 3.7
+    distance: float = 3.5
     elevation: float = -50.0
     azimuth: float = 90.0
     fovy: float = 40.0

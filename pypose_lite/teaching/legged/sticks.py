@@ -78,7 +78,7 @@ def _dog(ax: Axes, corners: Array, legs: Array, camera: Camera, order: float) ->
         normal = face.mean(0) - middle
         if normal @ (face.mean(0) - camera.place) < 0:  # it looks at the camera
             sun = max(normal @ LIGHT / np.linalg.norm(normal) / np.linalg.norm(LIGHT), 0.0)
-            color = [min((0.7 + 0.4 * sun) * part, 1.0) for part in to_rgb(COAT)]
+            color = [(0.7 + 0.3 * sun) * part for part in to_rgb(COAT)]
             edge = _points(camera, 0.5)
             ax.fill(*_seen(camera, face), fc=color, ec=NEAR, lw=edge, zorder=order + 1)
 

@@ -129,7 +129,7 @@ def test_a_walk_is_in_the_plane_in_which_the_robot_was_started():
             robot.move(0.6, 0.5)
             robot.wait(0.1)
         dog = robot.simulator.dog
-        walk, short = pictures.walked(dog, start), pictures.walked(dog, start, 0.5)
+        walk, short = pictures.walked(robot, start), pictures.walked(robot, start, 0.5)
         pose, (roll, pitch, _) = dog.pose, dog.attitude
     turn = Rotation.from_euler("z", start[2])
     now = turn.apply([*pose[:2], 0.0])[:2] + start[:2]
@@ -139,6 +139,11 @@ def test_a_walk_is_in_the_plane_in_which_the_robot_was_started():
     assert walk[-1, 1:3] == pytest.approx(now, abs=0.03)  # the film is 25 times a second
     assert attitude == pytest.approx([pose[2] + 0.7, pitch, roll], abs=0.06)
     assert short[-1] == pytest.approx(walk[-1]) and short.shape == (13, 20)
+
+
+def test_a_robot_without_legs_has_no_such_walk():
+    with go1.connect("sim") as robot, pytest.raises(ValueError, match="with legs, got 'sim'"):
+        pictures.walked(robot)
 
 
 def test_moving_joints_turns_the_body_and_nothing_else():

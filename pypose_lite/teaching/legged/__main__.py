@@ -28,7 +28,7 @@ def lap() -> tuple[infinity.Run, Array]:
     with go1.connect("sim:legs", start=START) as robot:
         world = infinity.RealRobot(robot, x_init=first)
         run = infinity.drive(mpc, world, tolerance=TOLERANCE, steps=300, u_lower=LOW, u_upper=HIGH)
-        return run, walked(robot.simulator.dog, START, world.dt * int(run.steps))
+        return run, walked(robot, START, world.dt * int(run.steps))
 
 
 def main(target: Path) -> None:

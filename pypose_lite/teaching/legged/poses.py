@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ...go1.robot import Robot
 from ...go1.simulator.legs import parts
 from ...go1.simulator.legs.dog import LeggedDog
 from .scene import Array
@@ -12,15 +13,24 @@ from .scene import Array
 Pose = tuple[float, float, float]
 
 
-def walked(dog: LeggedDog, start: Pose = (0.0, 0.0, 0.0), seconds: float = math.inf) -> Array:
+def walked(robot: Robot, start: Pose = (0.0, 0.0, 0.0), seconds: float = math.inf) -> Array:
     """The latest of a dog's film: time in s, then the positions of all joints, rows (T, 20).
 
+    These are true, whatever the robot's odometry says.
+
     Args:
-        dog: `robot.simulator.dog`, after the walk.
+        robot: as `connect("sim:legs")` returns it, after the walk and before it is closed, since
+            it stands for a moment when that is done.
         start: where it stood when it was switched on, (x, y, heading) in m and rad, as `connect`
             was told: the plane in which the rows are.
         seconds: how many of the last ones.
+
+    Raises:
+        ValueError: it is no simulated robot with legs.
     """
+    dog = robot.simulator and robot.simulator.dog
+    if not isinstance(dog, LeggedDog):
+        raise ValueError(f"robot: expected a simulated one with legs, got {robot.address!r}")
     film = np.array([(time, *joints) for time, joints in dog.film])
     film = film[film[:, 0] >= film[-1, 0] - seconds - 1e-9]
     x, y, heading = dog.pose  # since it was switched on

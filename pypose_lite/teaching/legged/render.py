@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...go1.simulator.floor import Floor
 from ...go1.simulator.legs import parts
-from .scene import WAYPOINT, Array, Camera, Shot
+from .scene import LIGHT, WAYPOINT, Array, Camera, Shot
 
 SECONDS = 90.0  # that the program may take
 BLUE, RED = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
@@ -102,25 +102,23 @@ def _draw(shots: list[Shot], camera: Camera, finer: int) -> list[NDArray[np.uint
 
 
 def _arrange(mujoco: Any, model: Any, camera: Camera, width: int, height: int) -> None:
-    """Gives the model an even floor, a coat that stands out from it, and light from two sides."""
+    """Gives the model an even floor, a coat that stands out from it, and light."""
     view = model.vis
     view.global_.offwidth, view.global_.offheight = width, height
     view.global_.fovy, view.quality.offsamples = camera.fovy, 0
     view.quality.shadowsize = 2 ** math.ceil(math.log2(2.5 * width))  # texels, not seen as such
     model.stat.center[:], model.stat.extent = 0.0, 3.0
-    view.map.znear, view.map.zfar, view.map.shadowclip = (
-        0.1,
-        4.0,
-        1.7,
-    )  # in extents; a short range keeps shadows clean
+    # In extents; a short range of depths, and a wide light, keep stripes off the floor.
+    view.map.znear, view.map.zfar = 0.1, 4.0
+    view.map.shadowclip = 1.7
     view.headlight.ambient[:], view.headlight.diffuse[:] = 0.52, 0.0
     view.headlight.specular[:] = 0.0
     floor, light = model.geom("floor").id, 0
     model.geom_matid[floor], model.geom_rgba[floor] = -1, FLOOR
     model.mat_rgba[model.material("gray").id] = COAT
     model.light_type[light] = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    model.light_dir[light] = np.array([0.3, 0.35, -1.0]) / np.linalg.norm([0.3, 0.35, -1.0])
-    model.light_pos[light], model.light_diffuse[light] = (-1.8, -2.1, 6.0), 0.52
+    model.light_dir[light] = -LIGHT / np.linalg.norm(LIGHT)
+    model.light_pos[light], model.light_diffuse[light] = 6.0 * LIGHT, 0.52
     model.light_specular[light] = 0.15
 
 

@@ -10,6 +10,7 @@ Array = NDArray[np.float64]
 ASPECT = 2.0  # width by height
 DPI = 100  # pixels to an inch of a figure; which number it is does not matter
 WAYPOINT = 0.07  # m, the radius of its mark
+LIGHT = np.array([-0.3, -0.35, 1.0])  # towards it
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 
 from ..figures import BLUE, RED
 from .poses import Skeleton
-from .scene import DPI, WAYPOINT, Array, Camera, Shot
+from .scene import DPI, LIGHT, WAYPOINT, Array, Camera, Shot
 
 FLOOR, SHADE, COAT, NEAR, FAR = "#ebeef0", "#c9cdd1", "#525c70", "#2b303b", "#8c95a3"
-LIGHT = np.array([-0.3, -0.35, 1.0])  # towards it
 NECK = 0.1  # m, from the trunk to the head
 PAGE = 770  # pixels, the width of the page
 FACES = [(axis, side) for axis in range(3) for side in range(2)]  # of the trunk's box

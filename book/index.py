@@ -33,6 +33,7 @@ import torch
 
 from pypose_lite import infinity
 from pypose_lite.teaching import animate, claim, plotting
+from pypose_lite.teaching.legged import pictures
 
 plotting.use_style()
 
@@ -82,6 +83,14 @@ claim("largest_error", infinity.tracking_error(driven).max(), below=0.1, unit="m
 # small dots are the car's steps. It drives straight from one dot to the next. On this way it is
 # {claim}`mean_error` from the path on average and {claim}`largest_error` at most.
 #
+# In the end the same loop walks a robot with four legs. Here it is a Unitree Go2's body and gait in
+# simulated physics, by snapshots of one walk in one picture. The blue dots are the way as the robot
+# recorded it.
+
+# %% tags=["hide-input"]
+pictures.on_infinity()
+
+# %% [markdown]
 # ## How the book goes on
 #
 # The example is that of the paper *PyPose v0.6: The Imperative Programming Interface for Robotics*

@@ -51,6 +51,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "pypose_lite").rglob("*.py")}
     assert modules | {"pypose_lite/py.typed"} <= set(names)
+    assert "pypose_lite/teaching/legged/dog_on_infinity.jpg" in names
     assert {name.split("/")[0].split("-")[0] for name in names} == {"pypose_lite"}
 
 

@@ -193,6 +193,7 @@ def test_a_film_plays_in_the_walks_own_time_and_shows_the_dog_of_each_row(opengl
     film = pictures.film(walk, way, "a dog walks")
     frames = Image.open(io.BytesIO(film.data))
     assert film.format == "gif" and film.alt == "a dog walks" and frames.n_frames == 4
+    assert 'class="scene"' in film.html  # made smaller on a phone
     times, trail = [], []
     for frame, row in zip(ImageSequence.Iterator(frames), walk[::3]):
         picture = np.asarray(frame.convert("RGB"))
@@ -215,7 +216,8 @@ def test_without_opengl_stick_figures_stand_in_and_one_line_says_so(monkeypatch,
     assert (pixels(picture.data) == by_matplotlib(marks)).all() and picture.format == "png"
 
 
-def test_with_opengl_nothing_stands_in_and_the_environment_stays_as_it_was(capsys):
+def test_with_opengl_nothing_stands_in_and_the_environment_stays_as_it_was(capsys, monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
     walk, way = walk_ahead()
     before = dict(os.environ)
     try:

@@ -4,6 +4,7 @@ Both take any walk of `poses.walked`. Without OpenGL they draw stick figures ins
 """
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +28,14 @@ APART = 0.85  # m: a little more than a dog is long
 QUALITY = 88  # of JPEG
 KEPT = Path(__file__).with_name("dog_on_infinity.jpg")  # which `make picture` makes
 ON_INFINITY = (
-    "Eleven snapshots of a four-legged robot in one picture. It walks a figure of eight on a light "
-    "floor; a blue line of dots is the way that it has recorded, and red discs are the waypoints."
+    "Snapshots of a simulated Go2, a robot with four legs, in one picture. It walks a figure of "
+    "eight; a blue line of dots is the way that it has recorded, and red discs are the waypoints."
 )
 
 
 def on_infinity() -> Picture:
     """Returns the picture of a whole lap that README and opening page show."""
-    return Picture(KEPT.read_bytes(), ON_INFINITY, "jpeg")
+    return Picture(KEPT.read_bytes(), ON_INFINITY, "jpeg", letters=False)
 
 
 def snapshots(
@@ -61,10 +62,10 @@ def snapshots(
         if not stand_in:
             raise
         print(_line(reason))
-        return Picture(png(sticks.drawn(shot, camera), DPI), alt)
+        return Picture(png(sticks.drawn(shot, camera), DPI), alt, letters=False)
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "jpeg", quality=QUALITY)
-    return Picture(buffer.getvalue(), alt, "jpeg")
+    return Picture(buffer.getvalue(), alt, "jpeg", letters=False)
 
 
 def film(
@@ -98,7 +99,7 @@ def film(
             return _figure(frames[k])
 
     seconds = every * float(np.median(np.diff(times))) if len(walk) > 1 else dt
-    return animate(draw, len(shots), seconds, DPI, alt=alt)
+    return replace(animate(draw, len(shots), seconds, DPI, alt=alt), letters=False)
 
 
 def _joints(walk: Array) -> Array:

@@ -69,7 +69,7 @@ def snapshots(
 
 
 def film(
-    walk: Array, way: Any, alt: str, dt: float = 0.1, every: int = 3, width: int = 640
+    walk: Array, way: Any, alt: str, dt: float = 0.1, every: int = 4, width: int = 640
 ) -> Picture:
     """Returns the walk as a film in its own time, the dog's recorded way growing behind it.
 

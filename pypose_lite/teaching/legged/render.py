@@ -21,7 +21,7 @@ from ...go1.simulator.floor import Floor
 from ...go1.simulator.legs import parts
 from .scene import LIGHT, WAYPOINT, Array, Camera, Shot
 
-SECONDS = 90.0  # that the program may take
+SECONDS = 60.0  # that the program may take
 BLUE, RED = (0.0, 0.447, 0.698, 1.0), (0.835, 0.369, 0.0, 1.0)
 FLOOR, COAT = (0.93, 0.94, 0.95, 1.0), (0.32, 0.36, 0.44, 1.0)
 

@@ -15,20 +15,22 @@
 #
 # This lab belongs to [chapter 9](../book/09_go1.py). You read a state of the robot byte by byte and
 # write a command, construct damage that no checksum of this kind finds, write a watchdog and a loop
-# that stops the robot whatever happens, and find out from logs what is wrong with a robot, and how
-# late it is. Each exercise says how long it takes, has three hints to open one after the other, and
-# ends in a check. All of them together take about 115 minutes. <!-- given: 115 minutes -->
+# that stops the robot whatever happens, and find out from logs what is wrong with a robot, how late
+# it is, and which commands it does not follow. Each exercise says how long it takes, has three
+# hints to open one after the other, and ends in a check. All of them together take about 130
+# minutes. <!-- given: 130 minutes -->
 
 # %% tags=["setup"]
 import math
 import struct
 
+import matplotlib.pyplot as plt
 import torch
 
 from pypose_lite import go1
 from pypose_lite.go1.wire import protocol
 from pypose_lite.teaching import check, plotting, progress
-from pypose_lite.teaching.checks.robot_logs import KINDS, walk_log
+from pypose_lite.teaching.checks.robot_logs import KINDS, recorded_pulses, walk_log
 
 plotting.use_style()
 torch.set_default_dtype(torch.float64)
@@ -349,6 +351,63 @@ def find_lag_and_delay(t, seen, told):
 
 # %%
 check("9.7", find_lag_and_delay)
+
+# %% [markdown]
+# ## Exercise 9.8: The dead band of a dog with legs
+#
+# *15 minutes. Identification.*
+#
+# The dogs so far were points with a lag. The library has one with legs, too: a Go2's body and a
+# gait that was trained for it, moved by physics. It does not follow slow commands: below some speed
+# it steps in place or shuffles. Such a range is called a *dead band*.
+#
+# The log is of ten pulses. For 1 s it was told to stand, then for 2 s a speed, then to stand again,
+# and so on. We say that the dog *follows* a pulse if it walks, once it is on its way, at more than
+# a third of the speed that it was told. <!-- given: 1 s, 2 s, a third -->
+
+# %%
+log = recorded_pulses()
+
+# %% tags=["hide-input"]
+fig, ax = plt.subplots(figsize=(7, 3))
+ax.step(log.t, log.told, where="post", color=plotting.GREY, label="told")
+ax.plot(log.t, log.seen, ".", ms=2, color=plotting.BLUE, label="seen")
+ax.set(xlabel="time (s)", ylabel="speed (m/s)")
+ax.legend(ncols=2)
+plotting.show(
+    fig,
+    "Ten pulses of speed that a dog with legs was told, and its own speed. It "
+    "follows the larger ones almost, those of a middle size by half, and the "
+    "smallest hardly at all.",
+)
+
+# %% [markdown]
+# Write a function that returns the speed below which the dog does not follow. Any number between
+# the largest speed that it does not follow and the smallest that it does is right. If it follows
+# all, that is any number between 0 and the smallest of them.
+#
+# :::{dropdown} Hint 1
+# `log.told.unique()` has the ten speeds, and 0.
+# :::
+#
+# :::{dropdown} Hint 2
+# For one speed, `log.seen[log.told == speed]` is what was seen meanwhile. Its beginning, in which
+# the dog is still getting on its way, should not count.
+# :::
+#
+# :::{dropdown} Hint 3
+# Compare the mean of the second half of a pulse with a third of its speed.
+# :::
+
+
+# %%
+def dead_band(log):
+    """Returns the speed (m/s) below which the robot does not follow."""
+    raise NotImplementedError("9.8 The dead band of a dog with legs")
+
+
+# %%
+check("9.8", dead_band)
 
 # %% [markdown]
 # ## To go on

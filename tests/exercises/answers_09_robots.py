@@ -328,3 +328,65 @@ def the_chapters(t, seen, told):
 @wrong("9.7", "2 results")
 def lag_alone(t, seen, told):
     return on_two_grids(t, seen, told)[0]
+
+
+# --- 9.8
+
+
+@right("9.8")
+def by_speeds(log):
+    ignored = [0.0]
+    for speed in log.told.unique():
+        seen = log.seen[log.told == speed]
+        if speed > 0 and seen[len(seen) // 2 :].mean() < speed / 3:
+            ignored.append(speed.item())
+    return max(ignored)
+
+
+@right("9.8")
+def the_smallest_that_is_followed(log):
+    followed = []
+    for speed in sorted(set(log.told.tolist()) - {0.0}):
+        seen = log.seen[log.told == speed]
+        if float(seen[-25:].mean()) > speed / 3:
+            followed.append(speed)
+    return min(followed)
+
+
+@right("9.8")
+def in_the_middle_between_them(log):
+    return (by_speeds(log) + the_smallest_that_is_followed(log)) / 2
+
+
+@wrong("9.8", "It follows slower ones")
+def the_largest_told(log):
+    return log.told.max()
+
+
+@wrong("9.8", "It follows slower ones")
+def as_fast_as_it_ever_was(log):
+    return log.seen.max()
+
+
+@wrong("9.8", "This one it does not follow")
+def the_smallest_told(log):
+    return log.told[log.told > 0].min() / 2
+
+
+@wrong("9.8", "This one it does not follow")
+def the_smallest_seen(log):
+    return log.seen[log.told > 0].abs().min()
+
+
+@wrong("9.8", "It follows slower ones")
+def only_what_it_follows_wholly(log):
+    ignored = [0.0]
+    for speed in log.told.unique():
+        if speed > 0 and log.seen[log.told == speed].mean() < 0.95 * speed:
+            ignored.append(speed.item())
+    return max(ignored)
+
+
+@wrong("9.8", "the dead band as a single number")
+def which_speeds(log):
+    return log.told.unique()

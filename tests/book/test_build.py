@@ -1,5 +1,7 @@
 """The scripts between a chapter and its page: run, fill in, compare, list."""
 
+import json
+import os
 import subprocess
 import sys
 
@@ -91,6 +93,29 @@ def test_a_kernel_that_dies_is_said_in_one_line_with_what_to_do(chapter, tmp_pat
     *_, line = done.stderr.splitlines()
     assert line.endswith(f"x.py: its kernel died, {WHAT_TO_DO}")
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("kernel", "why"),
+    [
+        ("python3", "Kernel died before replying to kernel_info"),
+        ("fortran", "No such kernel named fortran"),
+    ],
+)
+def test_a_kernel_that_does_not_start_is_said_in_one_line_with_what_to_do(
+    chapter, tmp_path, kernel, why
+):
+    spec = tmp_path / "kernels" / "python3" / "kernel.json"
+    spec.parent.mkdir(parents=True)
+    ends_at_once = {"argv": ["false"], "display_name": "broken", "language": "python"}
+    spec.write_text(json.dumps(ends_at_once), encoding="utf-8")
+    page = chapter(CLAIM.format(0.25))
+    page.write_text(page.read_text("utf-8").replace("name: python3", f"name: {kernel}"), "utf-8")
+    command = [sys.executable, "-m", execute.__name__, page, tmp_path / "out.ipynb"]
+    env = os.environ | {"JUPYTER_PATH": str(tmp_path)}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
+    [line] = done.stderr.splitlines()
+    assert f"x.py: its kernel does not start ({why}): unset PYTHONPATH" in line
 
 
 @pytest.mark.parametrize(

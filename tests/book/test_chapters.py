@@ -50,6 +50,12 @@ def test_pytest_finds_no_fault_in_a_good_chapter(report):
     assert "4 failed" in report.splitlines()[-1]
 
 
+def test_pytest_does_not_wait_for_a_kernel_that_has_died(run_book):
+    _, report = run_book({"dies.py": "# %%\nimport os\n\nos._exit(1)\n"})
+    assert "its kernel died, most often because memory ran out: close other programs" in report
+    assert "Timeout" not in report
+
+
 def test_the_records_of_a_lesson_and_of_its_lab_lie_side_by_side(run_book):
     root, _ = run_book({"01_one.py": CLAIM.format(0.5)}, {"01_one.py": CLAIM.format(0.25)})
     values = [claim.value for claim in scoreboard.recorded(root / "build" / "claims").values()]

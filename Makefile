@@ -154,8 +154,8 @@ NPM := --prefer-offline --ignore-scripts --no-audit --no-fund --loglevel=error \
   --fetch-retries=1 --fetch-retry-mintimeout=1000 --fetch-timeout=30000
 workflows: .venv/.installed
 	@mkdir -p build/workflows && cp .ci/workflows/* build/workflows
-	@cd build/workflows && { test -d node_modules || npm ci $(NPM) || \
-		{ echo "pypose_lite: the linter cannot be fetched: is there a network?" >&2; exit 1; }; }
+	@cd build/workflows && { test -d node_modules || npm ci $(NPM) 2> npm.log || \
+		{ echo "pypose_lite: the linter cannot be fetched, see build/workflows/npm.log" >&2; exit 1; }; }
 	@node build/workflows/lint.mjs .github/workflows/*.yml
 
 clean:

@@ -6,7 +6,8 @@
 # make homework              the labs for a course: notebooks for students, keys, autograders
 # make page CHAPTER=03_mpc   one page alone, run and built (exercises/03_mpc, solutions/03_mpc)
 # make picture               the README's pictures: the opening page's film, and a dog with legs
-# make bench   speed beside other libraries, as ratios: makes the book's page of them anew
+# make bench   speed beside other libraries, as ratios: makes the book's page of them anew, and the
+#              record of chapter 10
 # make other-tools   the same plan by other tools, recorded for the book's page of them
 # make wheel   the wheel, in dist/; with TAG=v0.1.0 only if that is its version
 # make workflows             lints what .github runs
@@ -113,6 +114,7 @@ bench: .venv/.installed-bench
 		--benchmark-timer=time.process_time --benchmark-columns=min,median,rounds --benchmark-sort=fullname \
 		--benchmark-json=build/bench.json
 	python book/site/benchmarks.py build/bench.json book/benchmarks.md
+	python -m pypose_lite.teaching.batches
 
 other-tools: .venv/.installed
 	python -m pypose_lite.teaching.other_tools

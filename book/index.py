@@ -117,7 +117,7 @@ pictures.on_infinity()
 # | [7 All together](07_all_together.py), [lab](../exercises/07_all_together.py) | What pays? |
 # | [8 Learning](08_learning.py), [lab](../exercises/08_learning.py) | What do gradients find? |
 # | [9 The Go1](09_go1.py), [lab](../exercises/09_go1.py) | Does the same loop walk a robot? |
-# | [10 Thousands of cars](10_thousands_of_cars.py) | What do a hundred thousand laps prove? |
+# | [10 Thousands of cars](10_thousands.py), [lab](../exercises/10_thousands.py) | How sure is it? |
 #
 # Three appendices go further: [from pypose_lite to PyPose](to_pypose.py),
 # [the same infinity with other tools](other_tools.py), and [the mathematics used](mathematics.py).

@@ -164,7 +164,7 @@ TWELVE: list[Week] = [
     ((7,), "all", "projects are agreed on"),
     ((8,), "all", ""),
     ((9,), "all", "with the robot, where there is one"),
-    ((), "", "projects"),
+    ((10,), "all", "and projects"),
     ((), "", "projects are presented"),
 ]
 

@@ -950,7 +950,9 @@ claim("own_seeds", torch.cat(here).unique().numel(), equals=4000)
 # %% [markdown] tags=["answer"]
 # Too narrow, by a factor of {claim}`too_narrow`: there are only {claim}`different_laps` different
 # laps. With a seed for each task there are {claim}`own_seeds`. Nothing warns, because each result
-# is right by itself. A test that asks for different draws finds it at once.
+# is right by itself. A test that asks for different draws finds it at once. (Seeds drawn at random
+# would not be safe either: torch's generator keeps 32 bits of a seed, and of a hundred thousand
+# such numbers two are probably equal. `study.generator` counts them.)
 
 # %% [markdown]
 # Two more mistakes of this kind are common. *Stopping when it looks good*: if you look at the
@@ -986,3 +988,7 @@ claim("own_seeds", torch.cat(here).unique().numel(), equals=4000)
 # **Further reading.** Owen's book on Monte Carlo {cite}`owen2013`, chapters 2, 8 and 9, is free to
 # read; Rubino and Tuffin {cite}`rubino2009` treat rare events; the page on
 # [Dask's futures](https://docs.dask.org/en/stable/futures.html) has all that `study.py` uses.
+#
+# **In [the lab](../exercises/10_thousands.py)** you turn a loop into a batch, say how many
+# laps a claim needs, write an interval for a share, find a rare event, give each task its seed, and
+# resume a study that was killed.

@@ -4,8 +4,8 @@
 `python -m pypose_lite.go1.simulator` is one to try that on. Chapter 9 tells how. Nothing here was
 tried on a real robot.
 
-The public names are imported when they are first asked for, and nothing but `walk` needs torch:
-whoever wants the packets alone, on a small computer, loads the packets alone.
+The public names are imported when they are first asked for, and nothing but `walk` and the model of
+a `Response` needs torch: whoever wants the packets alone, on a small computer, loads those alone.
 """
 
 from importlib import import_module
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .connection import connect
+    from .identification import Response, excite, identify
     from .log import read_log
     from .robot import Robot
     from .safety.limits import Gait, Mode
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "connect": "connection",
+    "Response": "identification",
+    "excite": "identification",
+    "identify": "identification",
     "Robot": "robot",
     "RobotTimeout": "safety.pilot",
     "RobotStopped": "safety.pilot",
@@ -51,6 +55,9 @@ __all__ = [
     "Numbers",
     "Faults",
     "read_log",
+    "Response",
+    "excite",
+    "identify",
     "protocol",
 ]
 

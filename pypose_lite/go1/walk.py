@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .identification import Response
 from .log import Row
 from .robot import Robot
 
@@ -28,6 +29,7 @@ LENGTH = 4 * math.pi  # m
 FASTEST_TURN = 1.2  # rad/s
 STEP = 0.1  # s, of the loop
 SLOWEST, LONGEST = 0.02, 3.0  # m/s and s: who plans no more than that for so long is stuck
+HEADING = 0.1  # the weight of the heading, beside 1 of the place
 
 
 def walk(
@@ -36,6 +38,9 @@ def walk(
     delay: float = 0.1,
     lag: float = 0.15,
     report: Callable[[int], None] = lambda waypoint: None,
+    *,
+    response: Response | None = None,
+    tolerance: float = 0.1,
 ) -> "Run":
     """Walks once around the infinity, and returns the run as the robot itself saw it.
 
@@ -46,6 +51,9 @@ def walk(
         delay: s, from a motion sent to a pose that knows of it, there and back.
         lag: s, the time constant with which the legs follow.
         report: told the number of the next waypoint, 1 to 16, in every step.
+        response: of the robot to commands, from its log (`identify`); its delay and lag then
+            count, and it is never asked for a speed in its dead band.
+        tolerance: m, how near a waypoint counts as reached.
 
     Raises:
         RobotTimeout: the robot fell silent.
@@ -56,16 +64,20 @@ def walk(
 
     from .. import infinity
 
-    guide = Guide(robot, speed, delay, lag, report)
-    fastest = torch.tensor([speed, FASTEST_TURN])
+    response = Response(delay, (lag, lag)) if response is None else response
+    slowest = response.dead_band[0]
+    if not slowest < speed:
+        raise ValueError(f"speed: expected more than the dead band, {slowest:g} m/s, got {speed!r}")
+    guide = Guide(robot, speed, response, report)
     with torch.no_grad(), _fenced(robot):
         return infinity.drive(
             guide,
             infinity.RealRobot(robot, STEP),
             aim=guide.aim,
+            tolerance=tolerance,
             steps=math.ceil(3 * LENGTH / (speed * STEP)),
-            u_lower=fastest * torch.tensor([0.0, -1.0]),
-            u_upper=fastest,
+            u_lower=torch.tensor([slowest, -FASTEST_TURN]),
+            u_upper=torch.tensor([speed, FASTEST_TURN]),
         )
 
 
@@ -89,24 +101,25 @@ class Guide:
 
     Args:
         robot: which says how fast it is.
-        speed: and the others, as of `walk`.
-        delay: of the packets.
-        lag: of the legs.
+        speed: as of `walk`.
+        response: of the robot to commands.
         report: told the next waypoint.
     """
 
     def __init__(
-        self, robot: Robot, speed: float, delay: float, lag: float, report: Callable[[int], None]
+        self, robot: Robot, speed: float, response: Response, report: Callable[[int], None]
     ) -> None:
         import torch
 
-        from .. import control, infinity, systems, utils
+        from .. import control, infinity, utils
 
-        self._robot, self._report, self._spacing = robot, report, speed * STEP
-        weights = torch.diag(torch.tensor([1, 1, 0.3, 0.3, 0, 0, 0.01, 0.01]))
+        self._robot, self._report = robot, report
+        self._spacing = STEP * speed
+        self._axle, self._slowest = response.axle, response.dead_band[0] + SLOWEST
+        weights = torch.diag(torch.tensor([1, 1, HEADING, HEADING, 0, 0, 0.01, 0.01]))
         steps = utils.ReduceToBason(steps=2)  # a plan that starts from the last one is soon good
-        self._mpc = control.MPC(systems.Legs(STEP, lag=lag), weights, None, 10, steps)
-        self._path, self._late = infinity.waypoints(), round(delay / STEP)
+        self._mpc = control.MPC(response.model(STEP), weights, None, 10, steps)
+        self._path, self._late = infinity.waypoints(), round(response.delay / STEP)
         self._sent: list[Tensor] = []
         self._plan = torch.zeros(self._mpc.T, 2)
         self._resting = 0  # plans in a row
@@ -124,7 +137,23 @@ class Guide:
         for sent in self._sent[len(self._sent) - self._late :]:  # on their way
             self._from = self._mpc.system.state_transition(self._from, sent)
         ahead = local_plan(self._from[:4], self._path, waypoint, self._spacing, self._mpc.T)
-        return torch.cat([ahead, torch.zeros(self._mpc.T, 2)], dim=-1)
+        return torch.cat([self._looking(ahead), torch.zeros(self._mpc.T, 2)], dim=-1)
+
+    def _looking(self, ahead: "Tensor") -> "Tensor":
+        """The states to follow (T, 4), each with the heading of a body that slides in turns.
+
+        On a curve that bends by kappa = dtheta/ds a body moves to the left of where it looks by the
+        angle beta, so that it has to look so much to the right of the way:
+
+            tan(beta) = axle w / v = axle kappa      (1)
+        """
+        import torch
+
+        i, j, c, s = ahead.unbind(-1)
+        bends = torch.asin(c[:-1] * s[1:] - s[:-1] * c[1:]) / self._spacing
+        beta = torch.atan(self._axle * torch.cat([bends, bends[-1:]]))  # (1)
+        theta = torch.atan2(s, c) - beta
+        return torch.stack([i, j, theta.cos(), theta.sin()], dim=-1)
 
     def __call__(self, dt: float, x: "Tensor", target: "Tensor", **bounds: Any) -> tuple:
         """The plan that follows the target: states, inputs and cost."""
@@ -133,7 +162,7 @@ class Guide:
         plan = self._mpc(dt, self._from, target, shift(self._plan), **bounds)
         self._plan = plan[1]
         self._sent.append(self._plan[0])
-        self._resting = self._resting + 1 if self._plan[0, 0] < SLOWEST else 0
+        self._resting = self._resting + 1 if self._plan[0, 0] < self._slowest else 0
         if self._resting > LONGEST / STEP:
             raise Stuck(
                 "it is stuck: a waypoint was passed by too far. Walk slower, or mend --delay"

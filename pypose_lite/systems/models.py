@@ -50,29 +50,39 @@ class DubinsCar(NLS):
 class Legs(DubinsCar):
     """A car whose speeds follow what it is told late, as legs do: ``[i, j, cos, sin, v, w]``.
 
-    The input ``[v, phi]`` is where its speed v (m/s) and its turn rate w (rad/s) are on their way
-    to, each by ``lag`` dv/dt = u - v; with the speeds at the end of the step the car then moves:
+    The input ``[v, phi]`` says where its speed v (m/s) and its turn rate w (rad/s) are on their way
+    to, along a straight line each, by ``lag`` dv/dt = a - v; with the speeds at the end of the step
+    the car then moves, and in a turn it slides to its left besides:
 
-        v' = u + exp(-dt / lag) (v - u)      (1)
-        i', j', theta' = car(i, j, theta, v')      (2)
+        a = gain u + drift      (1)
+        v' = a + exp(-dt / lag) (v - a)      (2)
+        i', j', theta' = car(i, j, theta, v')      (3)
+        (i', j') += axle w' dt (-sin(theta'), cos(theta'))      (4)
 
     Args:
         dt: seconds a step takes.
         slip: as of the car.
-        lag: the time constant, seconds, > 0.
+        lag: the time constant, seconds, > 0; one, or ``(2,)`` for speed and turn rate.
+        gain: the share of what it is told that it does; one, or ``(2,)``.
+        drift: m/s and rad/s that it does unasked; one, or ``(2,)``.
+        axle: m, how far behind its middle the point is that does not slide.
     """
 
     sizes = {"n": 6, "m": 2}
 
-    def __init__(self, dt=0.1, slip=0.0, lag=0.15):
+    def __init__(self, dt=0.1, slip=0.0, lag=0.15, gain=1.0, drift=0.0, axle=0.0):
         super().__init__(dt, slip)
-        self.lag = lag
+        self.lag, self.gain, self.drift, self.axle = lag, gain, drift, axle
 
     def state_transition(self, state, input, t=None):
         """Returns the state ``(..., 6)`` after one step."""
+        a = self.gain * input + self.drift  # (1)
         rest = torch.exp(-self.dt / torch.as_tensor(self.lag, dtype=state.dtype))
-        v = input + rest * (state[..., 4:] - input)  # (1)
-        return torch.cat([super().state_transition(state[..., :4], v), v], dim=-1)  # (2)
+        v = a + rest * (state[..., 4:] - a)  # (2)
+        i, j, c, s = super().state_transition(state[..., :4], v).unbind(-1)  # (3)
+        slide = self.axle * v[..., 1] * self.dt
+        moved = torch.stack([i - slide * s, j + slide * c, c, s], dim=-1)  # (4)
+        return torch.cat([moved, v], dim=-1)
 
 
 class Pendulum(NLS):

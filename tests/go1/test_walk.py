@@ -3,6 +3,7 @@ import torch
 from go1_helpers import velocity
 
 from pypose_lite import go1, infinity
+from pypose_lite.go1 import Response
 from pypose_lite.go1.walk import AREA, LENGTH, LONGEST, START, STEP, Guide, Stuck, draw, walk
 from pypose_lite.systems import Legs
 
@@ -43,7 +44,7 @@ def test_the_length_of_the_infinity_is_the_examples():
 def test_a_planner_that_knows_no_way_on_is_not_left_standing_for_ever(watch):
     """Every plan is to rest: after three seconds of that it is said."""
     robot = watch(start=START).robot
-    guide = Guide(robot, 0.4, 0.1, 0.15, lambda waypoint: None)
+    guide = Guide(robot, 0.4, Response(), lambda waypoint: None)
     rest = torch.zeros(11, 6), torch.zeros(10, 2), torch.tensor(0.0)
     guide._mpc.forward = lambda *arguments, **bounds: rest
     x, target = infinity.waypoints()[0], guide.aim(infinity.waypoints()[0], torch.tensor(1))
@@ -56,7 +57,8 @@ def test_a_planner_that_knows_no_way_on_is_not_left_standing_for_ever(watch):
 def test_the_plan_begins_where_the_robot_will_be(watch):
     """The state that the planner starts from, against the legs' model applied by hand."""
     robot = watch(start=START).robot
-    guide, legs = Guide(robot, 0.4, 0.2, 0.3, lambda waypoint: None), Legs(STEP, lag=0.3)
+    response = Response(0.2, (0.3, 0.3))
+    guide, legs = Guide(robot, 0.4, response, lambda waypoint: None), Legs(STEP, lag=0.3)
     x = infinity.waypoints()[0]
     sent = []
     for _ in range(4):
@@ -70,6 +72,30 @@ def test_the_plan_begins_where_the_robot_will_be(watch):
     for u in sent[-2:]:
         expected = legs(expected, u)[0]
     assert torch.allclose(guide._from, expected, atol=1e-6)
+
+
+def test_a_body_that_slides_in_turns_looks_aside_so_that_it_moves_along_the_curve(watch):
+    """On a circle of 1 m its velocity, by the model, has the direction of the tangent."""
+    response = Response(axle=0.2)
+    guide = Guide(watch(start=START).robot, 0.4, response, lambda waypoint: None)
+    tangents = infinity.reference(0.3 + torch.arange(10.0) * 0.04)
+    looks = guide._looking(tangents)
+    assert torch.equal(looks[:, :2], tangents[:, :2])
+    for look, tangent in zip(looks, tangents):
+        state = torch.cat([look, torch.tensor([0.4, 0.4])])  # at 0.4 m/s it turns by 0.4 rad/s
+        before = torch.cat([look[:2], *rotated(look[2:], -0.04), state[4:]])
+        moved = (response.model(STEP)(before, state[4:])[0] - before)[:2]
+        assert torch.allclose(moved / moved.norm(), tangent[2:], atol=2e-3)
+
+
+def rotated(way, angle):
+    c, s = torch.tensor(angle).cos(), torch.tensor(angle).sin()
+    return [(way[0] * c - way[1] * s)[None], (way[0] * s + way[1] * c)[None]]
+
+
+def test_a_speed_in_the_dead_band_is_refused(watch):
+    with pytest.raises(ValueError, match=r"more than the dead band, 0\.2 m/s, got 0\.15"):
+        walk(watch(start=START).robot, 0.15, response=Response(dead_band=(0.2, 0.0)))
 
 
 def test_the_log_knows_which_waypoint_was_aimed_at(tmp_path):

@@ -68,6 +68,28 @@ def test_legs_get_to_their_speeds_as_the_equation_of_a_lag_says(g):
         close(seen[:4], car(before[:4], v)[0])
 
 
+def test_legs_that_do_not_do_as_they_are_told_go_where_scipy_integrates_to(g):
+    """500 steps of 2 ms of a body with gain, drift and a slide in turns."""
+    lag, gain, drift, axle = (0.3, 0.15), (1.2, 0.9), (-0.1, 0.05), 0.17
+    numbers = {"lag": torch.tensor(lag), "gain": torch.tensor(gain), "drift": torch.tensor(drift)}
+    legs = pp.Legs(2e-3, **numbers, axle=axle)
+    u = torch.tensor([0.5, -0.8])
+
+    def motion(_, s):
+        i, j, theta, v, w = s
+        left = axle * w
+        rates = [(gain[k] * float(u[k]) + drift[k] - (v, w)[k]) / lag[k] for k in (0, 1)]
+        forward = [math.cos(theta), math.sin(theta)]
+        return [v * forward[0] - left * forward[1], v * forward[1] + left * forward[0], w, *rates]
+
+    x = torch.tensor([0.2, -0.1, math.cos(0.4), math.sin(0.4), 0.1, 0.3])
+    end = solve_ivp(motion, (0, 1), [0.2, -0.1, 0.4, 0.1, 0.3], rtol=1e-9, atol=1e-9).y[:, -1]
+    for _ in range(500):
+        x = legs(x, u)[0]
+    expected = [end[0], end[1], math.cos(end[2]), math.sin(end[2]), end[3], end[4]]
+    close(x, torch.tensor(expected), 5e-3)
+
+
 def test_a_lag_can_be_learned(g):
     lag = torch.tensor(0.2, requires_grad=True)
     x, u = draw(g, 6), draw(g, 2)
@@ -119,7 +141,7 @@ def test_a_cart_pole_step_is_explicit_euler_on_lagranges_equations(g):
 def test_each_parameter_may_be_learned(g, model):
     x, u = sample(g, model, 2)
     names = [name for name in vars(model()) if not name.startswith("_") and name != "training"]
-    assert len(names) == {"DubinsCar": 2, "Legs": 3, "Pendulum": 5, "CartPole": 5}[model.__name__]
+    assert len(names) == {"DubinsCar": 2, "Legs": 6, "Pendulum": 5, "CartPole": 5}[model.__name__]
     values = [torch.tensor(float(getattr(model(), name)), requires_grad=True) for name in names]
     assert gradcheck(lambda *values: model(*values)(x, u)[0], values)
     learned = model(**{names[1]: torch.nn.Parameter(values[1].detach())})

@@ -31,9 +31,9 @@ PULSE, REST = 1.2, 0.8  # s, of a motion from a stand, and of the stand after it
 SPEEDS = tuple(k / 20 for k in range(1, 9))  # m/s, of pulses straight ahead
 TURNS = tuple(k / 10 for k in range(1, 6))  # rad/s, of pulses on the spot
 WALK = (  # s, share of the speed, rad/s: changes of both, in circles to its left, then its right
-    *((1.5, 1.0, 0.8), (1.2, 0.7, 0.8), (1.4, 1.0, 0.4), (1.2, 0.8, 0.9), (1.5, 1.0, 0.6)),
-    *((1.2, 0.7, 0.9), (1.0, 0.9, 0.0), (1.3, 1.0, 0.7), (1.2, 0.8, -0.6), (1.5, 1.0, -0.8)),
-    *((1.2, 0.7, -0.8), (1.4, 1.0, -0.4), (1.2, 0.8, -0.9), (1.0, 0.9, -0.6), (1.5, 1.0, -0.9)),
+    *((1.5, 1.0, 0.8), (1.2, 0.6, 0.8), (1.4, 1.0, 0.4), (1.2, 0.8, 0.9), (1.5, 1.0, 0.6)),
+    *((1.2, 0.6, 0.9), (1.0, 0.9, 0.0), (1.3, 1.0, 0.7), (1.2, 0.8, -0.6), (1.5, 1.0, -0.8)),
+    *((1.2, 0.6, -0.8), (1.4, 1.0, -0.4), (1.2, 0.8, -0.9), (1.0, 0.9, -0.6), (1.5, 1.0, -0.9)),
 )
 SECONDS = sum(piece[0] for piece in WALK) + (len(SPEEDS) + len(TURNS)) * (PULSE + REST) + REST
 FOLLOWED = 1 / 3  # the share of a pulse that has to be seen, for a robot that follows it

@@ -5,7 +5,8 @@ the plan is sent. What is sent now shows in the pose only later: packets take th
 legs follow with a `lag`. So the planner has the legs in its model (`systems.Legs`), and begins
 where the robot will be when the motion that it plans arrives: with the pose and the speeds that the
 robot reports, moved on by what was sent meanwhile. Chapter 9 finds both numbers in a log, and shows
-what happens without them.
+what happens without them. What else `identification` finds in a log (a dead band, a drift, a slide
+in turns) is in the model, too.
 """
 
 import contextlib

@@ -7,10 +7,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from pypose_lite import go1, infinity
+from pypose_lite import go1
 from pypose_lite.go1.identification import Response, excite, identify
 from pypose_lite.go1.log import Row
-from pypose_lite.go1.walk import START, walk
 
 KNOWN = Response(
     delay=0.16,
@@ -142,7 +141,7 @@ def test_two_dogs_with_legs_respond_alike_but_not_as_they_are_told(found):
     for response in found:
         assert 0.1 < response.dead_band[0] < 0.3 and 0.05 < response.dead_band[1] < 0.3
         assert 0.1 < response.lag[0] < 0.6 and 0.02 < response.lag[1] < 0.4
-        assert response.drift[0] < -0.02 and 0.1 < response.axle < 0.25
+        assert 0.1 < response.axle < 0.25
         assert 0.3 < response.gain[0] * 0.5 + response.drift[0] < 0.5
     assert found[0] != found[1]
 
@@ -167,19 +166,3 @@ def test_the_response_foretells_another_dogs_walk_better_than_none(found):
                 errors[name].append(math.dist(seen, told))
     late = {name: sum(values[20:]) / 60 for name, values in errors.items()}
     assert late["found"] < 0.75 * late["ideal"]
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_with_the_response_of_another_dog_a_lap_stays_near_the_curve(found, seed):
-    """A lap at 0.5 m/s and 0.15 m, seen by the robot and by the physics."""
-    true = []
-    with go1.connect("sim:legs", start=START, simulation=go1.Simulation(seed=seed)) as robot:
-
-        def look(waypoint):
-            ahead, left, _ = robot.simulator.dog.pose
-            true.append([left, -ahead])  # seen from where the walk begins
-
-        run = walk(robot, 0.5, report=look, response=found[seed], tolerance=0.15)
-    assert bool(run.finished) and robot.events == []
-    assert infinity.tracking_error(run.x).mean() < 0.04
-    assert infinity.tracking_error(torch.tensor(true)).mean() < 0.06

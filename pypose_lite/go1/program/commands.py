@@ -10,7 +10,7 @@ from ..log import read_log
 from ..robot import Robot
 from ..safety.pilot import RobotTimeout
 from ..walk import AREA, START, draw
-from . import walking
+from . import identifying, walking
 from .description import as_json, as_table, describe
 from .questions import agreed
 from .velocities import Source, obey
@@ -73,11 +73,27 @@ def damp(options: argparse.Namespace) -> int:
 
 def walk(options: argparse.Namespace) -> int:
     """Walks the infinity."""
+    if options.view:
+        from ..simulator.legs import viewer
+
+        viewer.check()
+    known = identifying.response(options)
     more = {"log": options.log, "overwrite": options.overwrite, "trim": options.trim}
     more |= {"start": START, "area": AREA, "speed_limit": options.speed}
-    with _connected(options, realtime=options.realtime or None, **more) as robot:
-        result = walking.command(robot, options)
+    realtime = options.realtime or options.view or None
+    with _connected(options, realtime=realtime, **more) as robot, _viewed(robot, options):
+        result = walking.command(robot, options, known)
     walking.tell(options)
+    return result
+
+
+def identify(options: argparse.Namespace) -> int:
+    """Lets it walk so that its log tells how it responds, and says that."""
+    more = {"log": options.log, "overwrite": options.overwrite, "area": identifying.AREA}
+    with _connected(options, speed_limit=options.speed, **more) as robot:
+        result = identifying.command(robot, options)
+    if result == 0:
+        identifying.tell(options)
     return result
 
 
@@ -100,6 +116,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "stand": stand,
     "lie": lie,
     "damp": damp,
+    "identify": identify,
     "walk": walk,
     "replay": replay,
 }
@@ -108,6 +125,16 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 def _connected(options: argparse.Namespace, **more) -> Robot:
     """The robot that the options name."""
     return connect(options.robot, options.level_flag, options.rate, ignore=options.ignore, **more)
+
+
+def _viewed(robot: Robot, options: argparse.Namespace) -> contextlib.AbstractContextManager:
+    """A window on the robot's body, where one is asked for."""
+    if not options.view:
+        return contextlib.nullcontext()
+    from ..simulator.legs import viewer
+
+    assert robot.simulator is not None  # options allow --view for sim:legs alone
+    return viewer.shown(robot.simulator.dog)
 
 
 def _posture(options: argparse.Namespace, what: str, do: Callable[[Robot], None]) -> int:

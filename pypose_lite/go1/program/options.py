@@ -13,6 +13,7 @@ WHAT = {
     "stand": "let it stand up",
     "lie": "let it lie down",
     "damp": "the emergency: the legs go limp and it sinks, at once and without a question",
+    "identify": "walk in pulses and circles, and say how it responds to commands",
     "walk": "walk the infinity",
     "replay": "play a recorded walk back",
 }
@@ -38,7 +39,7 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 def _line(command: argparse.ArgumentParser) -> None:
     """Options of every command that speaks to a robot."""
     add = command.add_argument
-    add("--robot", default="sim", help="sim, udp://host:port, or replay:run.csv")
+    add("--robot", default="sim", help="sim, sim:legs, udp://host:port, or replay:run.csv")
     add("--level-flag", type=_flag, default=0xEE, help="0 for an Air or a Pro")
     add("--rate", type=_between(100, 500), default=200.0, help="commands a second")
     add("--ignore", nargs="+", default=[], metavar="RULE", help="safety rules to do without")
@@ -68,6 +69,14 @@ def _listens(command: argparse.ArgumentParser) -> None:
     add("--area", type=_numbers(4), help="m: least x, most x, least y, most y, from its start")
 
 
+def _identifies(command: argparse.ArgumentParser) -> None:
+    _moves(command)
+    add = command.add_argument
+    add("--speed", type=_between(0.4, 1.0), default=0.5, help="m/s, the greatest")
+    add("--log", default=time.strftime("identify-%Y%m%d-%H%M%S.csv"), help="file to write it to")
+    add("--overwrite", action="store_true", help="the file may be there, and is lost")
+
+
 def _walks(command: argparse.ArgumentParser) -> None:
     _moves(command)
     add, stem = command.add_argument, time.strftime("walk-%Y%m%d-%H%M%S")
@@ -76,6 +85,10 @@ def _walks(command: argparse.ArgumentParser) -> None:
     add("--lag", type=_between(0.01, 1), default=0.15, help="s, with which its legs follow")
     add("--trim", type=_numbers(3), default=(0.0, 0.0, 0.0),
         help="added to every motion, against drift: m/s forward, m/s left, rad/s")  # fmt: skip
+    add("--identified", metavar="LOG", help="log of identify: how it responds, instead of --delay "
+        "and --lag; sim:legs is identified first where there is none")  # fmt: skip
+    add("--tolerance", type=_between(0.02, 0.5), default=0.1, help="m, to reach a waypoint")
+    add("--view", action="store_true", help="open MuJoCo's viewer on sim:legs, in real time")
     add("--stand-up", action="store_true", help="let it stand up first, after the question")
     add("--realtime", action="store_true", help="let a simulated robot live by the wall clock")
     add("--log", default=f"{stem}.csv", help="file to write the run to")
@@ -97,6 +110,7 @@ _ADD = {
     "stand": _moves,
     "lie": _moves,
     "damp": _line,
+    "identify": _identifies,
     "walk": _walks,
     "replay": _replays,
 }
@@ -119,6 +133,8 @@ def _check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None
             parser.error(f"--{name}: there is no folder for {path!r}")
         if path and Path(path).is_dir():
             parser.error(f"--{name}: {path!r} is a folder")
+    if getattr(options, "view", False) and options.robot != "sim:legs":
+        parser.error(f"--view: only --robot sim:legs has a body to look at, got {options.robot!r}")
     source = getattr(options, "cmd_vel", None)
     if source not in (None, "-") and not (source.isdecimal() and 0 < int(source) < 65536):
         parser.error(f"--cmd-vel: expected - or a port, got {source!r}")

@@ -6,6 +6,7 @@ import sys
 import time
 from typing import Any
 
+from ..identification import Response
 from ..log import read_log
 from ..robot import Robot
 from ..walk import AREA, LENGTH, STEP, draw, walk
@@ -15,7 +16,7 @@ from .questions import agreed, is_real, say
 WAYPOINTS = 17
 
 
-def command(robot: Robot, options: argparse.Namespace) -> int:
+def command(robot: Robot, options: argparse.Namespace, known: Response | None = None) -> int:
     """Announces, asks, walks and reports; returns the exit status."""
     if not options.stand_up and not _fit(robot, options):
         return 1
@@ -30,7 +31,8 @@ def command(robot: Robot, options: argparse.Namespace) -> int:
         return 1
     progress, run = Progress(robot, options.json), None
     try:
-        run = walk(robot, options.speed, options.delay, options.lag, progress)
+        numbers = options.speed, options.delay, options.lag, progress
+        run = walk(robot, *numbers, response=known, tolerance=options.tolerance)
     except (RuntimeError, TimeoutError) as error:
         say(options, f"\n{error}: zero velocity goes out")
     found = report(robot, progress, run)

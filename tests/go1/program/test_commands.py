@@ -319,3 +319,37 @@ def test_versions_are_told_where_packets_carry_them():
         robot.simulator.dog.state = lambda: replace(state(), version=(0x25, 0x386))
         robot.wait(0.1)
         assert "Go1 Edu, version 0x25 0x386" in as_table(describe(robot))
+
+
+def test_a_robot_is_identified_and_a_walk_plans_with_its_log(run, tmp_path):
+    status, said, _ = run("identify", "--log", "how.csv", "--json")
+    told = json.loads(said.splitlines()[-1])
+    assert status == 0 and told["lag"] == pytest.approx([0.15, 0.15], abs=0.03)
+    assert told["dead_band"] == [0.0, 0.0] and told["axle"] == pytest.approx(0.0, abs=0.01)
+    status, said, _ = run("identify", "--log", "how.csv", "--overwrite")
+    assert status == 0 and "It will walk ahead in pulses" in said and "lag       0.15 s" in said
+    status, said, _ = run("walk", "--identified", "how.csv", "--speed", 0.8, "--no-picture")
+    assert status == 0 and "17 of 17 waypoints" in said
+
+
+def test_a_log_that_identifies_nothing_is_a_line_and_nothing_moves(run, real):
+    made, _ = real
+    run("walk", "--speed", 1.0, "--log", "lap.csv", "--no-picture", "--yes")
+    made.clear()
+    status, said, error = run("walk", "--identified", "lap.csv", "--no-picture", "--yes")
+    assert status == 1 and made == [] and error.startswith("rows: of ") and "\n" not in error[:-1]
+
+
+def test_nobody_is_identified_without_a_yes(run, real, monkeypatch):
+    made, _ = real
+    answer(monkeypatch, "n")
+    status, said, _ = run("identify", "--log", "how.csv")
+    assert status == 1 and "it does not move: you said no" in said
+    assert made[0].simulator.dog.pose == (0.0, 0.0, 0.0)
+
+
+def test_a_dog_with_legs_walks_the_infinity_from_the_command_line(run):
+    numbers = "--speed", 0.5, "--tolerance", 0.15
+    status, said, _ = run("walk", "--robot", "sim:legs", *numbers, "--no-picture", "--json")
+    told = json.loads(said.splitlines()[-1])
+    assert status == 0 and told["finished"] and told["mean_error"] < 0.04 and told["events"] == []

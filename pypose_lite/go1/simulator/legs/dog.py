@@ -7,6 +7,7 @@ attitude, and no command moves it but to stand up, once it lies on its belly.
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 
 from ...safety.limits import Mode, motion
@@ -41,6 +42,7 @@ class LeggedDog(Dog):
         physics: the body; `physics.push` pushes it.
         fallen: whether it lies on its side or its back.
         film: the latest (time, position of every joint), 25 a second, for pictures; 10 minutes.
+        on_picture: called whenever there is a new picture; a viewer looks here.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class LeggedDog(Dog):
         self._gait, self._postures = Gait(), Postures()
         self.fallen, self._up, self._limp = False, True, False
         self._walks, self._still = False, 0.0  # s of zero velocity
+        self.on_picture: Callable[[], None] = lambda: None
         self.film: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=round(600 / FILM))
         self.physics.place(STANCE)
         for _ in range(round(SETTLE / STEP)):
@@ -162,6 +165,7 @@ class LeggedDog(Dog):
         self.pose = c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0), turned
         if not self.film or self.physics.time - self.film[-1][0] > FILM - STEP / 2:
             self.film.append((self.physics.time, tuple(self.physics.data.qpos.tolist())))
+            self.on_picture()
 
     def _mode(self) -> int:
         """The mode that it is in, which may not be the one that it was asked for."""

@@ -38,7 +38,7 @@ def data() -> Path:
 
 
 def package(name: str) -> ModuleType:
-    """The module `mujoco` or `onnxruntime`."""
+    """The module of that name: `mujoco`, its `glfw`, or `onnxruntime`."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -22,7 +22,8 @@ ROOMS = {  # page: its title, and the modules that it shows
         "Teaching",
         ["teaching.claims", "teaching.checks", "teaching.proofread", "teaching.figures"]
         + ["teaching.plotting", "teaching.sketches", "teaching.pictures", "teaching.tables"]
-        + ["teaching.widgets", "teaching.animation", "teaching.dog", "teaching.site"],
+        + ["teaching.widgets", "teaching.animation", "teaching.dog", "teaching.study"]
+        + ["teaching.batches", "teaching.site"],
     ),
 }
 LIST = "<!-- modules -->"

@@ -502,8 +502,8 @@ claim("three_over_n", something, above=94, below=96, unit="%")
 # One in a thousand: {claim}`none_of_4096`. For no event at all the roots are 0 and about $4 / n$.
 # (A sharper argument gives $3 / n$, the *rule of three*: with $p = 3/n$ something would have
 # happened in {claim}`three_over_n` of all studies.) "We saw none" is a weak statement. With two
-# hundred thousand rounds a day, it allows for hundreds of accidents. <!-- given: two hundred
-# thousand -->
+# hundred thousand rounds a day, it allows for more than a hundred accidents a day. <!-- given: two
+# hundred thousand -->
 
 # %% [markdown]
 # ## Rare events: drive where it happens
@@ -514,18 +514,19 @@ claim("three_over_n", something, above=94, below=96, unit="%")
 # Can we drive only the dangerous ones? <!-- given: 10 percent, 1.96 -->
 #
 # A small example first. What is the probability that a standard normal number $w$ exceeds 4? Draw
-# from a normal distribution that is *shifted* by $\mu = 4$: every second draw then exceeds 4. This
-# makes the event far too frequent, but we know how much too frequent each draw is: by the quotient
-# of the two densities, the new one over the old one. So we count each draw with the inverse
-# quotient, its {term}`importance weight`:
+# from a normal distribution that is *shifted* by $\mu = 4$: about every second draw then exceeds 4.
+# This makes the event far too frequent, but we know how much too frequent each draw is: by the
+# quotient of the two densities, the new one over the old one. So we count each draw with the
+# inverse quotient, its {term}`importance weight`:
 #
 # $$
 # \frac{e^{-w^2/2}}{e^{-(w - \mu)^2/2}} = e^{\mu^2/2 - \mu w}
 # $$ (eq-10-weight)
 #
-# The mean of the weights of those that exceed 4 is the probability. For, written as an integral
-# over all $w$, the density of the draw cancels, and the true density is left. This is
-# {term}`importance sampling`.
+# A draw that exceeds 4 has its weight as value, any other draw has the value 0, and the mean over
+# *all* draws is the probability. For the mean is an integral of value times density of the draws.
+# In the product of this density and the weight, their quotient, it cancels, and the true density is
+# left. This is {term}`importance sampling`.
 
 # %%
 w = torch.randn(1000, generator=seed(3))
@@ -622,15 +623,17 @@ claim("left_at", time[nearest % T], above=12.5, unit="s")
 # A lap can leave its lane at any time and to either side, though. So we draw from a *mixture*:
 # choose one of the $2T$ shifts at random, a near one more often, and add standard normal numbers.
 # The density of the draws is then a sum over all shifts, with the probabilities $\alpha_m$ of the
-# choice, and the weight of a lap is
+# choice. By {eq}`eq-10-weight`, for each term of the sum, the weight of a lap is
 #
 # $$
 # \frac{1}{\sum_m \alpha_m\, e^{\mu_m^\top w - \lVert \mu_m \rVert^2/2}}
 # $$ (eq-10-mixture)
 #
-# For $\alpha_m$ we take the probabilities of the planes, $\Phi(-\lVert \mu_m \rVert)$, divided by
-# their sum {cite}`owen2019`. If the linear model were wrong, the weights would still be right: it
-# only decides where to look.
+# For $\alpha_m$ we take the probabilities to be beyond the planes, divided by their sum
+# {cite}`owen2019`. Along the direction of $\mu_m$ the draws are a single standard normal number,
+# and beyond the plane it exceeds $\lVert \mu_m \rVert$: the probability is
+# $\Phi(-\lVert \mu_m \rVert)$, where $\Phi$ is the normal distribution function (`ndtr` in torch).
+# If the linear model were wrong, the weights would still be right: it only decides where to look.
 
 
 # %%

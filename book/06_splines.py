@@ -50,8 +50,9 @@ plotting.use_style()
 torch.set_default_dtype(torch.float64)
 
 # %% [markdown]
-# The planner of this chapter gets the waypoints of the infinity, places with headings, and the
-# state of the car. It returns states at equal distances along a curve:
+# The planner of this chapter gets the state of the car, the waypoints of the infinity, which are
+# places with headings, and the number of the next waypoint. It returns `count` states along a
+# curve, `spacing` metres apart:
 
 # %%
 waypoints = infinity.waypoints()  # (17, 4): i, j, cos, sin
@@ -131,8 +132,8 @@ claim("chord_off", 1000 * off(middles).max(), above=70, below=80, unit="mm")
 
 # %% [markdown]
 # The car hops. Its speed rises to {claim}`fastest_hop`, falls to {claim}`slowest_hop` and rises
-# again, and its turn rate swings. No passenger would stand it. The first cure that comes to mind is
-# more points, on the straight lines between the waypoints. But the middle of each line lies
+# again, and its turn rate swings. No passenger would stand it. The first remedy that comes to mind
+# is more points, on the straight lines between the waypoints. But the middle of each line lies
 # {claim}`chord_off` inside its circle, and at every waypoint the direction turns by 45 degrees on
 # the spot, which no car can do. We want points as dense as we like, on a curve that has *one*
 # direction everywhere.
@@ -142,7 +143,7 @@ claim("chord_off", 1000 * off(middles).max(), above=70, below=80, unit="mm")
 #
 # Join neighbouring waypoints by short pieces of a simple form. Where two pieces meet, give them the
 # same point and the same derivative; then the whole curve has no corner. The derivative at a
-# waypoint is called a {term}`tangent`, and here is what it does:
+# waypoint is called a {term}`tangent`. Here are three points $p_k$ with their tangents $m_k$:
 
 # %% tags=["hide-input"]
 ends = torch.tensor([[0.0, 0.0], [3.0, 1.2], [6.0, 0.0]])
@@ -180,16 +181,17 @@ claim("sketch_fits", (after - before).abs().max(), below=1e-7)
 # %% [markdown]
 # (The arrows are drawn at half their length.) The dotted line is the {term}`control polygon` of
 # the first piece: its inner corners lie a third of a tangent away from the ends. The piece stays
-# within the hull of the polygon, which is why drawing programs let you pull at these corners; the
-# same piece, given by its polygon, is called a *cubic {term}`Bézier curve`*. <!-- given: half, a
-# third -->
+# within the polygon's convex hull, the shape of a rubber band around its corners. Drawing programs
+# let you pull at these corners; the same piece, given by its polygon, is called a
+# *cubic {term}`Bézier curve`*. <!-- given: half, a third -->
 
 # %% [markdown]
 # ## Derived: Hermite's cubic
 #
-# A piece leads from a point $p_0$ to a point $p_1$ while a parameter $u$ runs from 0 to 1. At the
-# ends we also want the tangents $m_0$ and $m_1$. These are four wishes, so take a polynomial with
-# four coefficients, $p(u) = a + b u + c u^2 + d u^3$. The wishes are
+# A piece leads from a point $p_0$ to a point $p_1$ while a parameter $u$ runs from 0 to 1. (In this
+# chapter $u$ is not an input.) At the ends we also want the tangents $m_0$ and $m_1$. These are
+# four wishes, so take a polynomial with four coefficients, $p(u) = a + b u + c u^2 + d u^3$. The
+# wishes are
 #
 # $$
 # \begin{aligned}
@@ -273,9 +275,9 @@ apart = pp.chspline(many, 0.2) - one_by_one
 claim("batch", apart.abs().max(), below=1e-12, unit="m")
 
 # %% [markdown]
-# Behind it stands the class `splines.Spline`. It keeps, for each piece, a start and *three steps*,
-# the sides of the control polygon, and it knows how much of each step is done at $u$:
-# <!-- given: three steps -->
+# Behind it stands the class `splines.Spline`. It keeps, for each piece, a start and *three steps*
+# $s_1, s_2, s_3$, the sides of the control polygon, and the shares $\lambda$ of them that are done
+# at $u$: <!-- given: three steps -->
 #
 # $$
 # \begin{aligned}
@@ -284,9 +286,10 @@ claim("batch", apart.abs().max(), below=1e-12, unit="m")
 # \end{aligned}
 # $$ (eq-6-steps)
 #
-# For Hermite's cubic $s_1 = m_0/3$, $s_3 = m_1/3$ and $s_2$ is what remains of $\Delta$. Why steps
-# and not a sum of points? A step still makes sense for poses, where a sum does not. Here is where
-# our functions are in the library's folder `splines`:
+# For Hermite's cubic $s_1 = m_0/3$, $s_3 = m_1/3$ and $s_2$ is what remains of $\Delta$. The shares
+# rise from 0 to 1: $\lambda_1 = 1 - (1 - u)^3$, $\lambda_2 = 3 u^2 - 2 u^3$ and $\lambda_3 = u^3$.
+# Why steps and not a sum of points? A step still makes sense for poses, where a sum does not. Here
+# is where our functions are in the library's folder `splines`:
 #
 # | ours | the library's | in the file |
 # |:--|:--|:--|
@@ -297,8 +300,9 @@ claim("batch", apart.abs().max(), below=1e-12, unit="m")
 #
 # A `Spline` is evaluated anywhere: `curve(t)` gives points, `curve(t, derivative=1)` velocities
 # $(i', j')$ and `curve(t, derivative=2)` accelerations $(i'', j'')$. The direction of the velocity
-# is the heading. Both derivatives together give the {term}`curvature`, the inverse radius of the
-# turn,
+# is the heading. How much the heading turns per metre is the {term}`curvature` $\kappa$, the
+# inverse radius of the turn. Differentiate the heading, the angle of $(i', j')$, by the parameter,
+# and divide by the metres per parameter, $\sqrt{i'^2 + j'^2}$:
 #
 # $$ \kappa = \frac{i' j'' - j' i''}{(i'^2 + j'^2)^{3/2}} . $$ (eq-6-curvature)
 #
@@ -315,18 +319,17 @@ claim("batch", apart.abs().max(), below=1e-12, unit="m")
 #
 # ### Through the points: the natural cubic spline
 #
-# Keep Hermite's pieces, and choose the tangents so that the second derivative does not jump. By
-# {eq}`eq-6-hermite` a piece ends with $p'' = 2c + 6d$, and the next one starts with $p'' = 2c$ of
-# its own. Put in $c$ and $d$ of both; they are equal if
+# Keep Hermite's pieces, and choose the tangents so that the second derivative does not jump. A
+# piece ends with $p'' = 2c + 6d$, and the next one starts with $p'' = 2c$, with a $c$ of its own.
+# By {eq}`eq-6-hermite` the first is $-6 (p_i - p_{i-1}) + 2 m_{i-1} + 4 m_i$, and the second is
+# $6 (p_{i+1} - p_i) - 4 m_i - 2 m_{i+1}$. They are equal if
 #
 # $$ m_{i-1} + 4 m_i + m_{i+1} = 3 (p_{i+1} - p_{i-1}) . $$ (eq-6-natural)
 #
-# That is one equation for each inner point. (The piece before has $-6 \Delta + 2 m_{i-1} + 4 m_i$
-# at its end, the next one $6 \Delta - 4 m_i - 2 m_{i+1}$ at its start, each with its own $\Delta$.)
-# At both ends we ask for no second derivative at all, $2 m_0 + m_1 = 3 (p_1 - p_0)$ and its mirror
-# image. Together they are a linear system for all tangents, and its solution is the {term}`natural
-# cubic spline`. The name spline comes from the flexible strip that draughtsmen bent around pins;
-# beyond the last pin it is straight.
+# That is one equation for each inner point. At both ends we ask for a second derivative of zero:
+# $2 m_0 + m_1 = 3 (p_1 - p_0)$, and the like at the last point. Together they are a linear system
+# for all tangents, and its solution is the {term}`natural cubic spline`. The name spline comes from
+# the flexible strip that draughtsmen bent around pins; beyond the last pin it is straight.
 
 
 # %%
@@ -360,10 +363,10 @@ claim("same_natural", apart.abs().max(), below=1e-12, unit="m")
 # three legs between four neighbouring points. Step 2 of a piece is then step 1 of the next. What is
 # done of it, $\lambda_2$, must go over into the next piece's $\lambda_1$ without a jump in value,
 # first and second derivative, and $\lambda_3$ into $\lambda_2$ likewise. Before its first piece a
-# step is not begun (0), after its last one it is done (1). These are four transitions with three
-# conditions each, twelve equations for the twelve coefficients of the three cubics. There is
-# exactly one solution, the uniform {term}`B-spline` {cite}`deboor2001`.
-# <!-- given: three steps -->
+# step is not begun (0), after its last one it is done (1). These are four transitions, from 0 to
+# $\lambda_3$, to $\lambda_2$, to $\lambda_1$ and to 1. Each has three conditions, which makes
+# twelve equations for the twelve coefficients of the three cubics. There is exactly one solution,
+# the uniform {term}`B-spline` {cite}`deboor2001`. <!-- given: three steps -->
 
 # %%
 # Value, first and second derivative of c0 + c1 u + c2 u^2 + c3 u^3, at u = 0 and 1
@@ -441,7 +444,7 @@ bent = chspline_bump(whole, 2) - chspline_bump(whole - 1e-9, 2)
 claim("chspline_bends", bent.abs().max(), above=1)
 
 # %% [markdown] tags=["answer"]
-# The first two reach the lifted point, and the last two are smooth: the second derivative of
+# The first two reach the lifted point. The last two are smooth, while the second derivative of
 # chspline jumps, by up to {claim}`chspline_bends`. chspline and the B-spline end after two pieces
 # on each side. The natural spline's bump never ends; on each further piece it is
 # {claim}`natural_fades` of what it was before, with changing sign. And the B-spline reaches a
@@ -458,8 +461,11 @@ claim("chspline_bends", bent.abs().max(), above=1)
 # $$ L = \frac{4\, C}{2 + |h + k|} . $$ (eq-6-length)
 #
 # With this length the middle of the piece, $\frac12 (p_0 + p_1) + \frac18 (m_0 - m_1)$, lies on
-# the circle if both waypoints do. Neighbouring pieces may have tangents of different lengths, so
-# the speed may jump at a waypoint, but not the direction.
+# the circle if both waypoints do. (Let the circle have the radius $\rho$ and the headings differ by
+# $2 \alpha$. Then $C = 2 \rho \sin\alpha$, $|h + k| = 2 \cos\alpha$, $|h - k| = 2 \sin\alpha$. The
+# middle has to lie $\rho\, (1 - \cos\alpha)$ beside the chord, and it lies $\frac18 L\, |h - k|$
+# beside it.) Neighbouring pieces may have tangents of different lengths, so the derivative may jump
+# in size at a waypoint, but not in direction.
 
 
 # %%
@@ -529,14 +535,14 @@ claim("path_off", 1000 * seen["path"][0], below=10, unit="µm")
 claim("path_jump", seen["path"][3], equals=2, within=0.1, unit="1/m")
 
 # %% [markdown]
-# (Largest values each.) The circles' own curvature is 1, and -1 on the second one. chspline is up
-# to {claim}`chspline_off` off the circles and bends with up to {claim}`chspline_curvature`, beside
-# the crossing and at the ends, where {eq}`eq-6-central` guesses a wrong direction; its curvature
-# jumps by up to {claim}`chspline_jump`. The B-spline never bends more than
-# {claim}`bspline_curvature`, without a jump, and misses waypoints by up to {claim}`bspline_missed`.
-# The natural spline passes them without a jump, and strays up to {claim}`natural_off`. path stays
-# within {claim}`path_off`. At the crossing its curvature jumps by {claim}`path_jump`, as that of
-# the two circles does.
+# (All values in the table are the largest along the curve.) The circles' own curvature is 1, and -1
+# on the second one. chspline is up to {claim}`chspline_off` off the circles and bends with up to
+# {claim}`chspline_curvature`, beside the crossing and at the ends, where {eq}`eq-6-central` guesses
+# a wrong direction; its curvature jumps by up to {claim}`chspline_jump`. The B-spline never bends
+# more than {claim}`bspline_curvature`, without a jump, and misses waypoints by up to
+# {claim}`bspline_missed`. The natural spline passes them without a jump, and strays up to
+# {claim}`natural_off`. path stays within {claim}`path_off`. At the crossing its curvature jumps by
+# {claim}`path_jump`, as that of the two circles does.
 
 # %% [markdown]
 # ## On the infinity: from where the car is
@@ -729,13 +735,16 @@ claim("far_finishes", far.finished, equals=False)
 #
 # **The exponential.** For a constant twist this linear differential equation has the solution
 # $T(t) = T(0) \exp(t\, \hat\xi)$ with the matrix exponential
-# $\exp(A) = I + A + \frac12 A^2 + \dots$ We write $\exp(\xi)$ for the pose $\exp(\hat\xi)$: where a
+# $\exp(A) = I + A + \frac12 A^2 + \dots$: differentiate the series of $\exp(t\, \hat\xi)$ term by
+# term, and a factor $\hat\xi$ comes out. We write $\exp(\xi)$ for the pose $\exp(\hat\xi)$: where a
 # constant twist leads in time 1, seen from where it began.
 #
 # **A closed form.** In time 1 the heading turns by $\theta = \omega$, so $R$ is known. The place is
 # the sum of all small moves, each turned by the angle reached by then:
-# $\int_0^1 R(s\, \theta)\, v\, ds$. Take vectors of the plane as complex numbers. Then $R(s\theta)$
-# is the factor $e^{i s \theta}$, and
+# $\int_0^1 R(s\, \theta)\, v\, ds$. Take vectors of the plane as complex numbers; in the next
+# formula $i$ is the imaginary unit. Then $R(s\theta)$ is the factor $e^{i s \theta}$. Because
+# $e^{i\theta} - 1 = e^{i\theta/2} (e^{i\theta/2} - e^{-i\theta/2})$, where the bracket is
+# $2 i \sin(\theta/2)$,
 #
 # $$
 # \int_0^1 e^{i s \theta} ds = \frac{e^{i\theta} - 1}{i \theta}
@@ -856,10 +865,10 @@ claim("turn_rate_of_way", twist[2] / twist[0], equals=1, within=1e-9)
 # %% [markdown]
 # ### The adjoint: one motion, seen from two frames
 #
-# The camera on the roof of a turning car has the car's turn rate, but another velocity. If $T$ is
-# the pose of a frame $b$ seen from a frame $a$, and a motion has the twist $\xi$ seen from $b$,
-# then seen from $a$ its twist is $\text{Ad}_T\, \xi$, a matrix times $\xi$. This matrix is the
-# {term}`adjoint` of $T$, defined by
+# The camera on the roof of a turning car has the car's turn rate, but another velocity. Let $a$ and
+# $b$ be two frames that are fixed to one body, and $T$ the pose of $b$ seen from $a$. If the body's
+# motion has the twist $\xi$ seen from $b$, then seen from $a$ it has the twist $\text{Ad}_T\, \xi$,
+# a matrix times $\xi$. This matrix is the {term}`adjoint` of $T$, defined by
 #
 # $$
 # \begin{aligned}
@@ -872,7 +881,8 @@ claim("turn_rate_of_way", twist[2] / twist[0], equals=1, within=1e-9)
 # $\exp(T \hat\xi\, T^{-1})$. Multiply out: the turn rate is as it was, and the last column is
 # $R v - \omega\, (-p_y, p_x)$.) The order of two motions matters, and the adjoint says what changes
 # when they swap places: $\exp(\eta) \exp(\xi) = \exp(\xi) \exp(\eta')$ with
-# $\eta' = \text{Ad}_{\exp(-\xi)}\, \eta$.
+# $\eta' = \text{Ad}_{\exp(-\xi)}\, \eta$. (Take $T = \exp(-\xi)$ in {eq}`eq-6-adjoint`, and
+# multiply by $\exp(\xi)$ from the left.)
 
 
 # %% [markdown]
@@ -911,8 +921,8 @@ claim("turn_rate_of_way", twist[2] / twist[0], equals=1, within=1e-9)
 # \end{aligned}
 # $$ (eq-6-poses)
 #
-# `pp.chspline` and `pp.bspline` do this when they get an `SE3`. (The velocity is
-# $v = \lambda_1' s_1$ after the first factor; each further factor $A_j = \exp(\lambda_j s_j)$
+# `pp.chspline` and `pp.bspline` do this when they get an `SE3`. (For those who need the derivative:
+# it is $v = \lambda_1' s_1$ after the first factor; each further factor $A_j = \exp(\lambda_j s_j)$
 # shows it from a new frame and adds its own,
 # $v \leftarrow \text{Ad}_{A_j^{-1}} v + \lambda_j' s_j$.) Here is the body of a dog that walks the
 # first circle over a hill, with its nose along the slope, leaning into the turn.
@@ -922,7 +932,7 @@ s = torch.arange(9) * math.pi / 4  # m, along the circle
 stand = torch.zeros(9, 7)
 stand[:, :2] = places[:9]
 stand[:, 2] = 0.6 - 0.4 * s.cos()  # the hill
-stand[:, 6] = 1  # upright
+stand[:, 6] = 1  # the w of the quaternion: no rotation
 yaw = torch.zeros(9, 6)
 yaw[:, 5] = s - math.pi / 2
 tilt = torch.zeros(9, 6)
@@ -1010,8 +1020,8 @@ print("eigenvalues of P:", torch.linalg.eigvalsh(P))
 
 # %% [markdown]
 # **Predict.** Four thousand cars drive. Of their places, how many lie in the ellipse of $P$ that
-# should hold 95 %: about 95 %, 80 % or 60 %? And how many poses lie in the region of $\Sigma$?
-# <!-- given: 80 %, 60 % -->
+# should hold 95 %: about 95 %, 80 % or 60 %? And how many of their twists lie in the ellipsoid of
+# $\Sigma$ that should hold 95 %? <!-- given: 80 %, 60 % -->
 
 # %% tags=["answer", "hide-input"]
 generator = torch.Generator().manual_seed(0)
@@ -1149,8 +1159,8 @@ for name, powers in expected.items():
 #   (u - \frac12)^2$, where $|d|^2$ is the leading coefficient. By {eq}`eq-6-hermite` $d$ is of
 #   order 3, like $h^3 p'''$, and its square of order 6.
 #
-# A test on the infinity alone would have told us 4 and 6, and misled everybody whose path is not
-# made of circles.
+# A test on the infinity alone would have given 4 and 6, which is wrong for paths that are not made
+# of circles.
 
 # %% [markdown]
 # Two more tests guard the library. Derivatives are continuous where they should be: the second ones

@@ -46,7 +46,7 @@ plotting.use_style()
 torch.set_default_dtype(torch.float64)
 
 # %% [markdown]
-# The car, its noise and the planner's weights are those of chapters 3 and 4, but for one: the
+# The car, its noise and the weights of the MPC are those of chapters 3 and 4, but for one: the
 # weight of the inputs, `price`, is chosen anew for each loop. A local plan of chapter 6, `ahead`,
 # has ten states, 0.25 m apart, from the car through the waypoints that lie before it.
 # <!-- given: 0.25 m -->
@@ -70,8 +70,9 @@ def ahead(x, goal, count=10):
 
 
 # %% [markdown]
-# `drive` sends a batch of 64 cars around the infinity. All loops of this chapter meet the *same*
-# noise: car number 5 is disturbed in the same way in each of them.
+# `drive` sends a batch of 64 cars around the infinity. `aim` says what the MPC gets as its target:
+# `ahead` gives it a local plan, and `None` the next waypoint. All loops of this chapter meet the
+# *same* noise: car number 5 is disturbed in the same way in each of them.
 
 
 # %%
@@ -126,9 +127,9 @@ claim("plan_mean", plan_mean, below=0.038, unit="m")
 # ## It fails: the best estimate, and one waypoint to aim at
 #
 # What we have so far is the MPC of chapter 3, which aims at the next waypoint, with a filter of
-# chapter 4 or 5 that tells it where the car is. Its paths still look uneven. Perhaps the estimate
-# is to blame? A simulation can find out, since it can do what no robot can: give the car its true
-# state.
+# chapter 4 or 5 that tells it where the car is. The paths of its cars still look uneven. Perhaps
+# the estimate is to blame? A simulation can find out, since it can do what no robot can: give the
+# car its true state.
 
 # %%
 to_waypoint = drive(None, price=0.02)
@@ -231,8 +232,9 @@ claim("plan_knows", plan_error[along_plan.running].mean(), below=0.065, unit="m"
 # %% [markdown]
 # ## Derived: what an error is made of
 #
-# The car is at the distance $t$ from the circle: positive outside, negative inside. Which block has
-# to answer for it? Let us look at one step, in the order in which things happen.
+# The car is at the distance $t$ from the circle: positive outside, negative inside. (In this
+# chapter $t$ is not the time.) Which block is the cause of it? Let us look at one step, in the
+# order in which things happen.
 
 # %% tags=["hide-input"]
 fig, ax = plt.subplots(figsize=(7, 3.4))
@@ -268,15 +270,15 @@ claim("innovation_size", innovations.abs().mean(), above=0.05, unit="m")
 claim("innovation_mean", innovations.mean(dim=0).abs().max(), below=0.015, unit="m")
 
 # %% [markdown]
-# 1. The MPC chooses $u_i$, knowing $X_i$. It leads, as far as the car can know, to
-#    $f(X_i, u_i)$. Let $c$ be the distance of this place from the circle. It is all that plan and
-#    MPC can choose.
+# 1. The MPC chooses $u_i$, knowing $X_i$. The input leads, as far as the car can know, to
+#    $f(X_i, u_i)$. Let $c$ be the distance of this place from the circle. It is the only part that
+#    plan and MPC can choose.
 # 2. Meanwhile the filter takes in $y_i$. Its new estimate is not $f(X_i, u_i)$ but
-#    $X_{i+1} = f(X_i + K \nu_i, u_i)$, where $\nu_i = y_i - X_i$ is the {term}`innovation`, what
-#    the observation says beyond the expected, and $K$ is the filter's gain. So the believed
-#    distance is $c + j$, with a jump $j$ that nobody could know when $u_i$ was chosen.
-# 3. The car is not where the filter believes it to be. The remaining difference is $e$, and the
-#    true distance is
+#    $X_{i+1} = f(X_i + K \nu_i, u_i)$, where $\nu_i = y_i - X_i$ is the {term}`innovation`
+#    (chapter 4's letter for it was $e$), and $K$ is the filter's gain. So the believed distance is
+#    $c + j$, with a jump $j$ that nobody could know when $u_i$ was chosen.
+# 3. The car is not where the filter believes it to be. Let $e$ be the difference between the true
+#    distance and the believed one. Then
 #
 # $$ t = c + j + e $$ (eq-7-parts)
 #
@@ -289,15 +291,15 @@ claim("innovation_mean", innovations.mean(dim=0).abs().max(), below=0.015, unit=
 # \end{aligned}
 # $$ (eq-7-split)
 #
-# This is algebra and always holds. The second line is where the filter comes in. If it is right,
-# its estimate is the mean of the state, given all that it has seen. So whatever the filter has
-# seen, $e$ is zero on average. But $c$ and $j$ are computed from what it has seen, so for each of
-# their values $e$ is zero on average, and the means of $ce$ and $je$ are zero. This is the
+# This is algebra and always holds. The products in the second line depend on the filter. If it is
+# right, its estimate is the mean of the state, given all that it has seen. So whatever the filter
+# has seen, $e$ is zero on average. But $c$ and $j$ are computed from what it has seen, so for each
+# of their values $e$ is zero on average, and the means of $ce$ and $je$ are zero. This is the
 # {term}`orthogonality principle`: the error of a best estimate is uncorrelated with everything that
-# the estimate was made of {cite}`barshalom2001`. In the same way the innovation of $y_i$ is zero
-# on average, whatever was seen before $y_i$, and so is the mean of $cj$. (In our laps an innovation
-# has a size of {claim}`innovation_size`, and all of them together a mean of
-# {claim}`innovation_mean`.) What is left is
+# the estimate was made of {cite}`barshalom2001`. In the same way the innovation of $y_i$ is zero on
+# average, whatever was seen before $y_i$. And $c$ was computed from what was seen before, so the
+# mean of $cj$ is zero as well. (In our laps an innovation has a size of {claim}`innovation_size`,
+# and all of them together a mean of {claim}`innovation_mean`.) What is left is
 #
 # $$ \overline{t^2} = \overline{c^2} + \overline{j^2} + \overline{e^2} $$ (eq-7-three)
 #
@@ -345,8 +347,8 @@ def loop(steps, P, guess=None, goal=1):
 # The order of the lines matters: `target` and `inputs` are made from the estimate *before* the
 # observation $y_i$ is used. The car decides first, and takes in what it saw while it moves.
 #
-# The split needs three distances. All are measured from the circle that is nearer to the true
-# place.
+# The split needs three distances. We compute each for both circles, and in the end take the circle
+# that is nearer to the true place.
 
 
 # %%
@@ -362,8 +364,8 @@ def parts(run):
     c = radial(led_to)
     believed = radial(run.estimate[:, 1:])
     t = radial(run.x[:, 1:-1])
-    all_parts = torch.stack([c, believed - c, t - believed], dim=-2)
-    nearer = t.abs().argmin(dim=-1)[..., None, None]
+    all_parts = torch.stack([c, believed - c, t - believed], dim=-2)  # (..., 3, 2)
+    nearer = t.abs().argmin(dim=-1)[..., None, None]  # which circle: 0 or 1
     return all_parts.take_along_dim(nearer, dim=-1)[..., 0]
 
 
@@ -541,7 +543,8 @@ claim("plan_distance", means[planned] / means[base], below=0.93)
 # %% [markdown]
 # ## Who owes what?
 #
-# Why is the gain not larger, when the path looks so much better? The split {eq}`eq-7-three` knows.
+# Why is the gain not larger, when the path looks so much better? The split {eq}`eq-7-three` answers
+# it.
 #
 # **Predict.** In the loop along the plan, which part of $\overline{t^2}$ is the largest: control,
 # jump or estimation?
@@ -601,14 +604,15 @@ claim("adds_up", 100 * crossed, below=15, unit="%")
 # {claim}`plan_j2` for the jump. The plan has reduced the part of control from {claim}`waypoint_c2`
 # to {claim}`plan_c2`, by {claim}`paid_back`. The first bar is the best that we found without a plan
 # for this lap time, with a tolerance of 0.1 m; with the plan $\overline{t^2}$ is
-# {claim}`tight_ratio` of it. What is left to a still better plan or controller is
-# {claim}`control_share` of the squared error. <!-- given: 0.1 m --> The diamonds are the measured
+# {claim}`tight_ratio` times as large. A still better plan or controller could remove at most the
+# part of control, {claim}`control_share` of the squared error. The diamonds are the measured
 # $\overline{t^2}$; they differ from the bars by the cross terms, at most {claim}`adds_up`.
+# <!-- given: 0.1 m -->
 
 # %% [markdown]
-# If one did not know about the jump, one would put the believed distance $c + j$ to the account of
-# the plan, and go on improving it. The jump shows that this part cannot vanish as long as $y_i$ is
-# used one step late.
+# Without the jump in the split, one would take the whole believed distance $c + j$ for a fault of
+# the plan, and try to improve the plan further. But $\overline{j^2}$ cannot vanish as long as $y_i$
+# is used one step late.
 #
 # The split also explains why so much better control looks like a small gain: a distance grows with
 # the *root* of the sum, and the sum is mostly $\overline{e^2}$. Where the sensor is better, the
@@ -858,7 +862,10 @@ claim("kept_slow_distance", kept_slow[0], below=0.06, unit="m")
 #
 # The plan with headings reduces the mean distance by a few millimetres. Single cars differ by more
 # than that. Could it be luck? Each car met the same noise in both loops. This is called
-# {term}`common random numbers`, and allows us to compare car by car.
+# {term}`common random numbers`, and allows us to compare car by car, a *paired comparison*. How far
+# may the mean of 64 differences be off by chance? Its standard deviation is that of one difference,
+# divided by $\sqrt{64}$, and 95 % of a Gaussian lie within 1.96 standard deviations of its mean.
+# <!-- given: 64 differences, 95 %, 1.96 -->
 
 
 # %%
@@ -904,9 +911,9 @@ claim("plan_wins", (difference > 0).sum(), above=38)
 # better off with the plan. With other noise for each loop the interval would be
 # {claim}`unpaired_width` times as wide.
 #
-# And the filter? All of the last sections trusted it. Its NEES in this loop says whether it may be
-# trusted, and the cross terms say it once more: if $e$ were not independent of what the filter
-# believes, {eq}`eq-7-three` would not add up.
+# And the filter? The split assumed that it is right. Its NEES in this loop tests that. So do the
+# cross terms: if $e$ were correlated with what the filter believes, {eq}`eq-7-three` would not add
+# up.
 
 # %%
 truth = along_plan.x[:, :-1]

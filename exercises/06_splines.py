@@ -312,11 +312,11 @@ check("6.6", between)
 # *15 minutes. Verification.*
 #
 # Write a test for splines: `order(make)` measures the order of convergence of a spline and returns
-# it, a number. `make(p)` takes points `p` $(N + 1, 2)$ and returns the curve, a function that gives
-# the points $(k, 2)$ at the parameters $(k)$ between 0 and $N$; the points belong to the parameters
-# 0, 1, 2, ... Choose a curve that makes no gifts, such as the sine over one period; take $N$ points
-# of it at equal steps and then $2N$, compare the spline with it *between* the points and away from
-# the ends, and return the power of the step with which the error falls.
+# it, as a number. `make(p)` takes points `p` $(N + 1, 2)$ and returns the curve, a function that
+# gives the points $(k, 2)$ at the parameters $(k)$ between 0 and $N$; the points belong to the
+# parameters 0, 1, 2, ... Choose a curve without the symmetry of a circle, such as the sine over one
+# period; take $N$ points of it at equal steps and then $2N$, compare the spline with it *between*
+# the points and away from the ends, and return the power of the step with which the error falls.
 #
 # Here are two splines to try it on; their orders on smooth curves are 3 and 4.
 

@@ -100,10 +100,10 @@ def paired_interval(a, b):
 
 
 # %% [markdown] tags=["solution"]
-# What the two laps of a pair have in common, a first estimate that is far off, a gust in the third
-# curve, disappears in the difference. If the interval contains zero, the laps do not show which
-# loop is better. The factor 1.96 belongs to the normal distribution, which a mean of many numbers
-# follows; for fewer than twenty laps Student's $t$ would give a somewhat wider interval.
+# What the two laps of a pair have in common, such as a first estimate that is far off, disappears
+# in the difference. If the interval contains zero, the laps do not show which loop is better. The
+# factor 1.96 belongs to the normal distribution, which a mean of many numbers follows; for fewer
+# than twenty laps Student's $t$ would give a somewhat wider interval.
 # <!-- given: 1.96, twenty laps -->
 
 # %%
@@ -298,8 +298,8 @@ price = 0.0005
 ### END SOLUTION
 
 # %% [markdown] tags=["solution"]
-# The spacing is set by the lap time, with a little to spare; each centimetre more costs accuracy.
-# The price has no such second side here: the model is right, so the MPC may use the inputs freely.
+# The spacing is set by the lap time, with a little to spare; each centimetre more costs accuracy. A
+# low price costs nothing here: the model is right, so the MPC may use the inputs freely.
 # Exercise 7.7 shows a car whose model is not right.
 
 # %%

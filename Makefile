@@ -5,6 +5,8 @@
 # make exercises             the exercises, from their solutions
 # make homework              the labs for a course: notebooks for students, keys, autograders
 # make page CHAPTER=03_mpc   one page alone, run and built (exercises/03_mpc, solutions/03_mpc)
+# make slides  a deck for each chapter, in build/slides, from book/slides
+# make pdf     the whole book as one PDF, build/book.pdf, by a headless Chromium
 # make picture               the README's pictures: the opening page's film, and a dog with legs
 # make bench   speed beside other libraries, as ratios: makes the book's page of them anew, and the
 #              record of chapter 10
@@ -17,7 +19,7 @@
 SHELL := /bin/sh
 .DELETE_ON_ERROR:
 .PHONY: book test lab reset exercises homework page picture bench other-tools clean lint chapters site
-.PHONY: install wheel workflows library claims newest
+.PHONY: slides pdf install wheel workflows library claims newest
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -96,6 +98,15 @@ page: $(filter build/executed/$(CHAPTER).ipynb,$(NOTEBOOKS)) build/npm/.complete
 	@$(BUILD_SITE) build/page build/page
 	@cp -Rp build/page-notebooks/. build/page/_build/html/_sources/
 	@printf '\nThe page: file://%s\n' "$(CURDIR)/build/page/_build/html/$(CHAPTER).html"
+
+slides: chapters build/npm/.complete
+	@python -m pypose_lite.teaching.site.assets build/npm
+	@python -m pypose_lite.teaching.site.slides build/executed book/slides build/slides
+	@cp -p build/npm/static/tex-svg-full.js build/npm/slides/* build/slides/static
+	@printf '\nThe slides: file://%s\n' "$(CURDIR)/build/slides"
+
+pdf: site
+	@python -m pypose_lite.teaching.site.pdf $(HTML) build/book.pdf
 
 picture: build/executed/index.ipynb
 	python book/site/picture.py $< book/infinity.gif

@@ -9,12 +9,9 @@ from pathlib import Path
 import pytest
 from small_books import HEADER
 
+from pypose_lite.teaching.site import pdf
+
 ROOT = Path(__file__).parents[2]
-NAMES = "chromium", "chromium-browser", "google-chrome"
-FLAGS = (
-    "--no-sandbox --disable-gpu --disable-background-networking --disable-component-update "
-    "--disable-sync --no-first-run --disable-quic"
-).split()
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +41,11 @@ def run_book(tmp_path_factory):
 @pytest.fixture(scope="session")
 def browser():
     """A headless Chromium; CHROMIUM names one that is not on the path."""
-    chromium = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-    if chromium is None:
+    if (chromium := pdf.chromium()) is None:
         pytest.skip("no browser: install chromium, or name one in the variable CHROMIUM")
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=chromium, args=pdf.FLAGS)
         yield browser
         browser.close()
 

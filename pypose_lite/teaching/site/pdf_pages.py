@@ -58,7 +58,7 @@ def whole(html: Path) -> str:
     )
 
 
-def parsed(html: Path, name: str) -> BeautifulSoup:
+def parsed(html: Path, name: str) -> Any:
     """A page of the site as a tree."""
     return BeautifulSoup((html / f"{name}.html").read_text(encoding="utf-8"), "html.parser")
 
@@ -99,7 +99,7 @@ def opened(tree: Any) -> None:
             label.replace_with(LABELS.get(label.strip(), label))
 
 
-def still(soup: BeautifulSoup, tree: Any) -> None:
+def still(soup: Any, tree: Any) -> None:
     """Puts a picture in the place of each slider: the one that it shows at first."""
     states = [json.loads(tag.string)["state"] for tag in soup.find_all("script", type=STATE)]
     models = {name: model["state"] for state in states for name, model in state.items()}

@@ -67,7 +67,8 @@ def figures(notebook: Any) -> Iterator[tuple[str, str]]:
         shown += [model["state"].get("value", "") for model in models["state"].values()]
     for text in shown:
         if "<img" in str(text):
-            for image in BeautifulSoup(text, "html.parser").find_all("img"):
+            tree: Any = BeautifulSoup(text, "html.parser")
+            for image in tree.find_all("img"):
                 yield image["alt"], f'\n<figure class="{shape(image["src"])}">{image}</figure>\n'
 
 

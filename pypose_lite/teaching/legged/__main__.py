@@ -1,34 +1,33 @@
 """Makes the picture of README and opening page: ``python -m pypose_lite.teaching.legged FILE``.
 
-A dog with legs walks the infinity by chapter 3's controller, at up to 1 m/s.
+A dog with legs is asked how it responds to commands, and another one then walks the infinity by a
+planner that knows: chapter 9's lap.
 """
 
-import math
 import sys
+import tempfile
 from pathlib import Path
 
-import torch
-
 from ... import go1, infinity
-from ...utils import ReduceToBason
+from ...go1.walk import START, walk
 from .pictures import ON_INFINITY, snapshots, walked
 from .render import NoOpenGL
 from .scene import Array
 
-START = (0.0, 0.0, -math.pi / 2)  # m, m, rad
-LOW, HIGH = torch.tensor([[0.0, -1.2], [1.0, 1.2]], dtype=torch.float64)  # m/s, rad/s
-TOLERANCE = 0.2  # m
+SPEED, TOLERANCE, STEP = 0.5, 0.15, 0.1  # m/s, m, s
 
 
 def lap() -> tuple[infinity.Run, Array]:
     """A lap by the book's loop, and where the dog's joints were."""
-    mpc = infinity.controller(dtype=torch.float64)
-    mpc.stepper = ReduceToBason(steps=2)
-    first = infinity.waypoints(torch.float64)[0]
-    with go1.connect("sim:legs", start=START) as robot:
-        world = infinity.RealRobot(robot, x_init=first)
-        run = infinity.drive(mpc, world, tolerance=TOLERANCE, steps=300, u_lower=LOW, u_upper=HIGH)
-        return run, walked(robot, START, world.dt * int(run.steps))
+    other = go1.Simulation(body="legs", seed=100)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "response.csv"
+        with go1.connect("sim:legs", simulation=other, ignore=("motion",), log=log) as robot:
+            go1.excite(robot)
+        response = go1.identify(go1.read_log(log))
+    with go1.connect("sim:legs", start=START, trim=response.trim) as robot:
+        run = walk(robot, SPEED, response=response, tolerance=TOLERANCE)
+        return run, walked(robot, START, STEP * int(run.steps))
 
 
 def main(target: Path) -> None:

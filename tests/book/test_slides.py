@@ -138,6 +138,14 @@ def test_a_wrong_deck_ends_the_command_with_one_line(small, tmp_path):
     assert line.endswith("03_mpc.md:1: the chapter has no claim 'wey'; near names: way")
 
 
+def test_the_deck_of_a_chapter_that_is_gone_goes(small, tmp_path):
+    small("# Title\n")
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "old.html").touch()
+    slides.decks(*(tmp_path / name for name in ("executed", "decks", "made")))
+    assert [path.name for path in (tmp_path / "made").glob("*.html")] == ["03_mpc.html"]
+
+
 def executed(path):
     """Whether the chapter of a deck was executed here."""
     return (EXECUTED / f"{path.stem}.ipynb").exists()
@@ -185,3 +193,20 @@ EDGES = """() => {
           Math.max(...boxes.map((box) => box.bottom)),
           slide.querySelector('figure')?.clientHeight ?? null];
 }"""
+
+
+def test_a_deck_prints_one_sheet_a_slide_and_keeps_its_figures(small, page, tmp_path):
+    pypdf = pytest.importorskip("pypdf")
+    if not (NPM / "slides").exists():
+        pytest.skip("what shows slides is not there: make slides")
+    shutil.copytree(NPM / "slides", tmp_path / "static")
+    shutil.copy(slides.LAYOUT / "slides.css", tmp_path / "static")
+    deck = tmp_path / "deck.html"
+    deck.write_text(
+        str(small("# One\n\n---\n\n{figure}`A curve that r`\n\n---\n\nThree\n")), "utf-8"
+    )
+    page.goto(f"{deck.as_uri()}?print-pdf")
+    page.wait_for_selector(".pdf-page")
+    page.pdf(path=tmp_path / "deck.pdf", prefer_css_page_size=True)
+    assert len(pypdf.PdfReader(tmp_path / "deck.pdf").pages) == 3
+    assert page.locator("figure").bounding_box()["height"] > 400

@@ -60,6 +60,8 @@ def decks(executed: Path, source: Path, target: Path) -> list[Path]:
     if faults:
         raise Faults("\n".join(faults))
     shutil.copy(LAYOUT / "slides.css", target / "static")
+    for path in {*target.glob("*.html")} - {*made}:
+        path.unlink()  # the deck of a chapter that the book no longer has
     return made
 
 

@@ -52,13 +52,10 @@ def site(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def paper(site, tmp_path):
+def paper(site, tmp_path, browser):
     """The same site, printed, as pypdf reads it."""
     pypdf = pytest.importorskip("pypdf")
-    pytest.importorskip("playwright.sync_api")
-    if pdf.chromium() is None:
-        pytest.skip("no browser: install chromium, or name one in the variable CHROMIUM")
-    pages = pdf.printed(site, tmp_path / "out" / "book.pdf")
+    pages = pdf.printed(site, tmp_path / "out" / "book.pdf", browser)
     reader = pypdf.PdfReader(tmp_path / "out" / "book.pdf")
     assert len(reader.pages) == pages
     return reader
@@ -144,7 +141,7 @@ def test_a_site_that_is_not_built_is_said_in_a_line(tmp_path):
     assert line.startswith("pypose_lite: ") and line.endswith("build the site first (make site)")
 
 
-def test_a_machine_without_a_browser_is_told_what_to_do(site, tmp_path, monkeypatch):
+def test_a_machine_without_a_browser_is_told_what_to_do(monkeypatch):
     monkeypatch.setattr(pdf, "chromium", lambda: None)
-    with pytest.raises(ValueError, match="no browser: install chromium"):
-        pdf.printed(site, tmp_path / "book.pdf")
+    with pytest.raises(ValueError, match="no browser: install chromium"), pdf.browser():
+        pass

@@ -64,22 +64,22 @@ def browser() -> Iterator[Any]:
         running.close()
 
 
-def printed(html: Path, target: Path) -> int:
-    """Prints the site in a folder into a PDF; returns how many pages it has.
+def printed(html: Path, target: Path, running: Any) -> int:
+    """Prints the site in a folder into a PDF, by a running browser; returns how many pages it has.
 
     It is printed twice: the pages' numbers, which the contents give, are known after the first.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     source = target.with_suffix(".html").resolve()
     source.write_text(whole(html), encoding="utf-8")
-    with browser() as running:
-        page = running.new_page()
-        page.set_default_timeout(MINUTES * 60_000)
-        page.goto(source.as_uri(), wait_until="load")
-        page.evaluate("window.MathJax?.startup?.promise")
-        page.pdf(path=target, **PAPER)
-        page.evaluate(FILL, begins(target))
-        page.pdf(path=target, **PAPER)
+    page = running.new_page()
+    page.set_default_timeout(MINUTES * 60_000)
+    page.goto(source.as_uri(), wait_until="load")
+    page.evaluate("window.MathJax?.startup?.promise")
+    page.pdf(path=target, **PAPER)
+    page.evaluate(FILL, begins(target))
+    page.pdf(path=target, **PAPER)
+    page.close()
     source.unlink()
     return len(_reader(target).pages)
 
@@ -106,7 +106,8 @@ def _reader(path: Path) -> Any:
 
 if __name__ == "__main__":
     try:
-        count = printed(Path(sys.argv[1]), Path(sys.argv[2]))
+        with browser() as running:
+            count = printed(Path(sys.argv[1]), Path(sys.argv[2]), running)
     except ValueError as error:
         sys.exit(f"pypose_lite: {error}")
     print(f"{count} pages: {Path(sys.argv[2]).resolve().as_uri()}")

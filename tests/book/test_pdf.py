@@ -133,6 +133,7 @@ def test_a_film_stands_still_at_its_end(tmp_path):
     assert Image.open(io.BytesIO(data)).getpixel((4, 4)) == (0, 0, 255)
 
 
+@pytest.mark.skipif(not pdf.chromium(), reason="no browser: install chromium")
 def test_a_site_that_is_not_built_is_said_in_a_line(tmp_path):
     command = [sys.executable, "-m", pdf.__name__, tmp_path, tmp_path / "book.pdf"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)

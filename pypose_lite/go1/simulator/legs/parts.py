@@ -76,6 +76,9 @@ def policy() -> Any:
     shapes = [tuple(port.shape) for port in (*session.get_inputs(), *session.get_outputs())]
     if shapes != [(1, 45), (1, 12)]:
         raise MissingParts(f"{path}: expected 45 observations and 12 actions, got {shapes}")
+    names = [port.name for port in (*session.get_inputs(), *session.get_outputs())]
+    if names != ["obs", "actions"]:
+        raise MissingParts(f"{path}: expected obs as input and actions as output, got {names}")
     return session
 
 

@@ -63,9 +63,11 @@ class Physics:
         """Moves on by a step of the model, the motors giving those torques as far as they can.
 
         Raises:
-            Unstable: a number is not finite any more.
+            Unstable: a torque, or a number of the body, is not finite (any more).
         """
         data = self.data
+        if not np.isfinite(torques).all():  # MuJoCo itself would take them for zeros
+            raise Unstable(f"the motors were asked for a NaN after {self.time:.2f} s")
         data.ctrl[self._motors] = self.torques = np.clip(torques, *self._limits)
         data.xfrc_applied[self._trunk, :3] = self._force if self.time < self._until else 0.0
         self._mujoco.mj_step(self.model, data)

@@ -1,4 +1,3 @@
-import signal
 import threading
 import time
 
@@ -50,14 +49,6 @@ def pytest_pyfunc_call(pyfuncitem):
         raise
     finally:
         metronome.over.set()
-
-
-@pytest.fixture(autouse=True)
-def usual_ctrl_c():
-    """Ctrl-C interrupts, also where the tests were started in the background, which ignores it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -89,16 +89,8 @@ def test_a_readers_own_interrupt_stops_the_check():
     command = [sys.executable, "-c", code]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "begun\n"
-        for _ in range(5):  # one that comes within a callback is lost: readers press again
-            process.send_signal(signal.SIGINT)
-            try:
-                assert process.communicate(timeout=4)[0] == "interrupted\n"
-                break
-            except subprocess.TimeoutExpired:
-                continue
-        else:
-            process.kill()
-            pytest.fail("five interrupts have not stopped it")
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60)[0] == "interrupted\n"
 
 
 # --- what it puts back

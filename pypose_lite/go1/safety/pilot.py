@@ -252,8 +252,10 @@ class Pilot:
             return True
         if "jump" in self.watcher.ignore:
             return True
-        before = odometry(heard[0])
-        reason = rules.jumped(before, place, now - heard[1])
+        before, seen = odometry(heard[0]), place
+        if rules.leans(state) or rules.leans(heard[0]):  # who topples over looks back: no jump
+            seen = *place[:2], before[2]
+        reason = rules.jumped(before, seen, now - heard[1])
         if reason and self._rebase and not self.stopped:
             self._frame = place, seen_from(self._frame, before)
             reason = None

@@ -64,6 +64,18 @@ def test_a_fall_on_its_side_stops_the_walk_and_it_lies_still(on):
     assert math.dist(lies[:2], robot.simulator.dog.pose[:2]) < 0.02
 
 
+def test_a_dog_that_topples_over_its_head_says_so_and_its_state_stays_fresh(on):
+    """It looks the other way then: for one that leans that is no jump of the pose."""
+    robot = on(slope=0.45)
+    with pytest.raises(go1.RobotStopped):
+        steer(robot, 8.0)
+    for _ in range(20):
+        robot.wait(0.1)
+        assert robot.age < 0.1  # its state goes on to be heard
+    assert robot.simulator.dog.fallen and robot.state.mode == Mode.DAMP
+    assert robot.pilot.refusals["the pose jumped"] == 0
+
+
 def test_a_push_that_carries_it_away_is_motion_that_nobody_asked_for(on):
     robot = on()
     steer(robot, 1.0, v=0.2, turn=0.3)

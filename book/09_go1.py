@@ -1175,10 +1175,10 @@ claim("legs_turned", turned[-50:].mean().abs(), below=0.05, unit="rad/s")
 
 # %% [markdown] tags=["answer"]
 # It does not arrive. It reaches {claim}`legs_reached` of the 16, since it walks past the first one:
-# in a turn its body slides outwards, which no model so far knew. There the planner wants to turn on
-# the spot, slowly: it asks for {claim}`legs_told_speed` and {claim}`legs_told_turn`. But this gait
-# has a {term}`dead band`: told so little, it steps in place, and turns by {claim}`legs_turned`. The
-# next plan is the same as this one.
+# its legs are late, and, as we shall see, its body slides in turns. There the planner wants to turn
+# on the spot, slowly: it asks for {claim}`legs_told_speed` and {claim}`legs_told_turn`. But this
+# gait has a {term}`dead band`: told so little, it steps in place, and turns by
+# {claim}`legs_turned`. The next plan is the same as this one.
 
 # %% [markdown]
 # So we ask this robot, too, what it does with commands. `go1.excite` lets it walk in pulses and

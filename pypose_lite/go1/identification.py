@@ -86,8 +86,8 @@ def excite(robot: Robot, speed: float = 0.5) -> None:
     """Lets a robot walk so that its log tells how it responds; takes `SECONDS` s.
 
     Pulses straight ahead and on the spot come first, each from a stand, and then a walk whose speed
-    and turn change every second or so. It needs a free floor: 4 m ahead, 1 m
-    behind, 2 m to each side.
+    and turn change every second or so. It needs a free floor: 4 m ahead, 1 m behind, 2 m to each
+    side.
 
     Args:
         robot: which stands, and writes a log (`connect(log=)`).
